@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from quadpend_baselines.controllers.adrc import ADRC, AdrcMemory
+from quadpend_baselines.controllers.adrc import ADRC, COMMAND, OBSERVED, PLANT
 from quadpend_baselines.estimation.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from quadpend_baselines.policy.rollout import rollout
@@ -46,11 +46,12 @@ COLUMNS = {
 class PrintedADRC(ADRC):
     """ADRC with the laws (51) and (52) as printed, valid at ψ = 0: the signs of v in τθ and of τφ are wrong."""
 
-    def command(self, memory: AdrcMemory) -> Floats:
+    def command(self, *given: Any) -> Floats:
         """Return thrust and torques, shape (n, 4)."""
-        command, p = super().command(memory), self.simulation.parameters
-        pendulum = read_observation(memory.observed, "direction")[:, 0]
-        pitch = read_observation(memory.observed, "attitude")[:, 1]
+        command, p = super().command(*given), self.simulation.parameters
+        observed = given[2][:, OBSERVED:PLANT]
+        pendulum = read_observation(observed, "direction")[:, 0]
+        pitch = read_observation(observed, "attitude")[:, 1]
         feedforward = p.inertia_pitch * p.chain_stiffness * (pendulum - pitch)
         command[:, COMMAND_TORQUE + 1] = 2.0 * feedforward - command[:, COMMAND_TORQUE + 1]
         command[:, COMMAND_TORQUE] *= -1.0
@@ -135,7 +136,7 @@ def simulate(case: Case, steps: int = STEPS, settling: int = STEPS // 2) -> dict
     errors = np.full((steps, EPISODES, 3), np.nan)
     for index, step in enumerate(rollout(case.controller(case.gains, simulation), env, SEED, options)):
         duration[step.active] += simulation.period
-        torques.append(step.memory.command[step.active, 1:3] ** 2)
+        torques.append(step.memory[step.active, COMMAND + 1 : COMMAND + 3] ** 2)
         errors[index, step.continuing] = step.tracking_error[step.continuing]
         survived |= step.survived
     settled = errors[settling:-1, survived]

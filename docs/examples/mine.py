@@ -35,7 +35,7 @@ class MyController:
         integral = np.where(started, 0.0, np.zeros((rows, 3)) if state is None else state)  # m·s, world frame
         calm = np.zeros((rows, 9))  # the feed-forward knows the reference, but not the wind
         model = equivalent_model(self.simulation)
-        desired, command = model.trajectory(measured.reference, measured.yaw_reference, calm)
+        desired, command = model.trajectory(measured.reference, measured.yaw, calm)
         error = rotate_state((measured.state - desired)[:, STATE_COLUMNS], -yaw)
         command = command - np.hstack([error, rotate(integral, -yaw, 0)]) @ self.gain.T
         tracking = measured.state[:, :3] + self.rod * measured.state[:, 12:15] * [1.0, 1.0, 0.0]

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.controllers.output_feedback import ControlLaw
-from quadpend_baselines.estimation.estimator import Estimate, Measurement
+from quadpend_baselines.estimation.estimator import LOOP, Estimate
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import Hybrid
 from quadpend_baselines.modelling.equivalent import equivalent_model
@@ -25,7 +25,7 @@ from quadpend_gym.vehicles import Pole, Vehicle
 
 CALM = np.zeros(DISTURBANCE_SIZE)
 HOVER = Reference.hover()
-Callback = Callable[[Measurement, Floats, Any], None]
+Callback = Callable[[Estimate, Floats, Any], None]
 
 # The controllers that can be made here: nmpc needs CasADi.
 AVAILABLE_CONTROLLERS = tuple(name for name in CONTROLLERS if name != "nmpc" or find_spec("casadi"))
@@ -79,26 +79,29 @@ def flat_state_and_command(
     return state, command
 
 
-def measurement_of(state: Floats, reference: Reference = HOVER, time: float = 0.0) -> Measurement:
+def measurement_of(state: Floats, reference: Reference = HOVER, time: float = 0.0) -> Estimate:
     """Return the exact measurement of states in the world frame, shape (n, 18)."""
     rows, d = len(state), reference.derivatives(time)
     relative = State(state.copy())
     relative.position[:] -= d[0, :3]
     relative.velocity[:] -= d[1, :3]
-    return Measurement(relative.array, np.tile(d[2:, :3], (rows, 1, 1)), np.tile(d[:3, 3], (rows, 1)))
+    out = Estimate(np.zeros((rows, LOOP)))
+    out.state[:], out.reference[:], out.yaw[:] = relative.array, d[2:, :3], d[:3, 3]
+    return out
 
 
-def true_estimate(measurement: Measurement, disturbance: Floats = CALM) -> Estimate:
+def true_estimate(measurement: Estimate, disturbance: Floats = CALM) -> Estimate:
     """Return the estimate without error."""
-    disturbances = np.broadcast_to(disturbance, (len(measurement.state), CALM.size))
-    return Estimate.of(measurement.state, disturbances, measurement.reference)
+    out = Estimate(measurement.array.copy())
+    out.disturbance[:], out.mass_ratio[:] = disturbance, 1.0
+    return out
 
 
 def run_law(law: Any, state: Floats, memory: Any = None, wind: Floats = CALM, reference: Reference = HOVER) -> Any:
     """Return command and memory of a control law that receives true states, shape (n, 18), and the true wind."""
     measurement = measurement_of(state, reference)
     memory = law.initial_memory(len(state)) if memory is None else memory
-    return law.command(true_estimate(measurement, wind), measurement, memory)
+    return law.command(true_estimate(measurement, wind), memory)
 
 
 def simulate_with_true_state(
@@ -130,7 +133,7 @@ def simulate_with_true_state(
     disturbances = np.array(np.broadcast_to(disturbance, (len(state), CALM.size)), order="C")
     for step in range(steps):
         measurement = measurement_of(state, reference, step * simulation.period)
-        command, memory = law.command(true_estimate(measurement, disturbance), measurement, memory)
+        command, memory = law.command(true_estimate(measurement, disturbance), memory)
         _, command = to_action(command, simulation)
         callback(measurement, command, memory)
         advance(state, command, disturbances, parameters, simulation.period, simulation.substeps)
@@ -152,7 +155,7 @@ def tilted_pendulum(tilt: Any, azimuth: Any, rows: int = 1) -> Floats:
     return state
 
 
-def tracking_distance(measurement: Measurement, rod_length: float) -> Floats:
+def tracking_distance(measurement: Estimate, rod_length: float) -> Floats:
     """Return the distance of the flat outputs from the reference, m, shape (n,)."""
     state = State(measurement.state)
     return np.asarray(np.linalg.norm(state.position + rod_length * state.direction * [1.0, 1.0, 0.0], axis=1))

@@ -32,7 +32,7 @@ and the tangents r_xy/r_z and b_xy/b_z take the places of r_xy and n, so that (1
 and torques in the known inputs of the observers are then those that make the accelerations of the nominal model over
 the period, in which rotors and on-board loop follow the action that acts.
 
-Over the known delays and lags of the loop, and over the latency, `estimation.prediction` carries the measured state
+Over the known delays and lags of the loop, and over the latency, `estimation.estimator` carries the measured state
 forward, with the rates and the disturbance of the observers and the commands under way. The observers' states change as
 the chains of the state do (`estimation.chains`). Equations (3) to (5) then give the command for the predicted state.
 """
@@ -63,26 +63,26 @@ from quadpend_baselines.estimation.chains import (
     state_from_chains,
     tilt_rate_of,
 )
-from quadpend_baselines.estimation.estimator import measurement_from_observation
-from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, design_observers, update_observers
-from quadpend_baselines.estimation.prediction import (
+from quadpend_baselines.estimation.estimator import (
     AGE,
     BUFFER_SIZE,
     LOOP,
     MASS_RATIO,
     REFERENCE,
     RIGID_PART,
-    Measurement,
-    Part,
     Prediction,
     advance,
     carry_forward,
+    law_inputs,
     load_action,
+    measure,
     store_attitude,
+    unpack_loop,
     unpack_plant,
 )
-from quadpend_baselines.estimation.prediction import DISTURBANCE as PLANT_DISTURBANCE
+from quadpend_baselines.estimation.estimator import DISTURBANCE as PLANT_DISTURBANCE
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, design_observers, update_observers
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
@@ -97,7 +97,6 @@ from quadpend_baselines.modelling.quantities import (
     Vec2,
     VehicleState,
     calm,
-    load_derivatives,
     load_state,
     store_forces,
     store_reference,
@@ -106,14 +105,14 @@ from quadpend_baselines.modelling.quantities import (
 )
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Booleans, Floats, Floats32
+from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, dot, load, load_four, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, dot, load_four, store_four
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
     OUTPUT_FEEDBACK_COLUMNS,
@@ -125,33 +124,12 @@ _MAX_ESTIMATE = 1e15  # an observer whose states exceed it starts again
 _MAX_RATE = 100.0  # rad/s, limit of estimated rates
 _MAX_STATE = 1e3  # a predicted state beyond it is not used
 _MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
-# First fields of the memory: states of the observers, command, action and observation without rates; then the parts for
-# rigid vehicles and loops with known delays or lags, see `AdrcMemory`.
-_COMMAND, _ACTION, _OBSERVED = OBSERVERS_SIZE, OBSERVERS_SIZE + 4, OBSERVERS_SIZE + 8
-_PLANT = _OBSERVED + OUTPUT_FEEDBACK_SIZE
-
-
-class AdrcMemory(NamedTuple):
-    """Memory of ADRC for n rows: a flat vector for each row.
-
-    For rigid vehicles, and in a loop with known delays or lags, two estimates follow (`estimation.prediction`): the
-    latest measured state, and this one a control period later, predicted.
-    """
-
-    array: Floats  # shape (n, k)
-
-    @property
-    def command(self) -> Floats:
-        """Thrust (N) and torques (N·m) that act after the latest measurement, after saturation, shape (n, 4).
-
-        With the estimates of `AdrcMemory`, they are the mean ones that the nominal model predicts.
-        """
-        return self.array[:, _COMMAND:_ACTION]
-
-    @property
-    def observed(self) -> Floats:
-        """The latest observation without rates, shape (n, 27)."""
-        return self.array[:, _OBSERVED:_PLANT]
+# First fields of the memory, an array of shape (n, k): states of the observers; thrust (N) and torques (N·m) that act
+# after the latest observation; the action; the observation without rates. For rigid vehicles, and in a loop with known
+# delays or lags, two estimates follow (`estimation.estimator`): the latest measured state, and this one a control
+# period later, predicted. The thrust and the torques are then the mean ones that the nominal model predicts.
+COMMAND, ACTION, OBSERVED = OBSERVERS_SIZE, OBSERVERS_SIZE + 4, OBSERVERS_SIZE + 8
+PLANT = OBSERVED + OUTPUT_FEEDBACK_SIZE
 
 
 class AdrcNumbers(NamedTuple):
@@ -240,15 +218,7 @@ def _compensated(estimate: Any, lane: int, order: int, numbers: AdrcNumbers, mod
 
 @inlined
 def adrc(m: AdrcMeasurement, estimate: Any, lane: int, numbers: AdrcNumbers, model: Pendulum) -> Four:
-    """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation.
-
-    Args:
-        m: The measurement.
-        estimate: States of the observers, shape (32, n) or more fields.
-        lane: Column.
-        numbers: The feedback.
-        model: The equivalent pendulum.
-    """
+    """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation."""
     p, k, fourth = model.physics, chain_stiffness(model.physics), fourth_derivative(m, model)
     value = _compensated(estimate, lane, VALUE, numbers, model)
     rate = _compensated(estimate, lane, RATE, numbers, model)
@@ -321,60 +291,33 @@ def estimated_forces(estimate: Any, lane: int, numbers: AdrcNumbers, model: Pend
 
 @compiled
 def _observe(
-    before: Floats,
-    started: Booleans,
-    observation: Floats,
-    bank: Floats,
-    packed: Floats,
-    packed_model: Floats,
-    packed_rigid: Floats | None,
-    sensor_delay: int,
-    out: Floats,
+    last: Any, observation: Floats32, bank: Floats, packed: Floats, packed_loop: Any, packed_rigid: Any, out: Floats
 ) -> None:
-    """Write the observers' states after an observation without rates, shape (n, 27), and the observation itself."""
-    numbers, model, memory = unpack_numbers(packed), unpack_pendulum(packed_model), out.T
-    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    """Write the observers' states after an observation, and its part without rates."""
+    (before, started), numbers, plant, memory = last, unpack_numbers(packed), unpack_plant(packed_loop[2]), out.T
+    model, rigid = plant.pendulum, None if packed_rigid is None else unpack_rigid(packed_rigid)
+    has_rates = observation.shape[1] == OBSERVATION_SIZE
     for row in range(out.shape[0]):
         for i in range(OUTPUT_FEEDBACK_SIZE):
-            out[row, _OBSERVED + i] = observation[row, i]
-        m = read_measurement(memory, _OBSERVED, row, model, rigid)
+            out[row, OBSERVED + i] = observation[row, OUTPUT_FEEDBACK_COLUMNS[i] if has_rates else i]
+        m = read_measurement(memory, OBSERVED, row, model, rigid)
         begin(m, model, memory, row)
         if started[row]:
             continue
         for i in range(4 * bank.shape[0]):
             out[row, i] = before[row, i]
-        command, last = load_four(before.T, _COMMAND, row), read_measurement(before.T, _OBSERVED, row, model, rigid)
-        first = observer_inputs(last, before.T, row, command, numbers, model)
+        command, seen = load_four(before.T, COMMAND, row), read_measurement(before.T, OBSERVED, row, model, rigid)
+        first = observer_inputs(seen, before.T, row, command, numbers, model)
         second = observer_inputs(m, before.T, row, command, numbers, model)
-        # The trapezoidal rule gives the mean of the known inputs over the period.
-        known = (
-            0.5 * (first[0] + second[0]),
-            0.5 * (first[1] + second[1]),
-            0.5 * (first[2] + second[2]),
-            0.5 * (first[3] + second[3]),
-            0.5 * (first[4] + second[4]),
-            0.5 * (first[5] + second[5]),
-            0.5 * (first[6] + second[6]),
-            0.5 * (first[7] + second[7]),
-        )
-        update_observers(memory, 0, row, known, observer_outputs(m, model), bank, numbers.period)
+        update_observers(memory, row, first, second, observer_outputs(m, model), bank, numbers.period)
         is_valid = True  # false for nan as well
         for i in range(4 * bank.shape[0]):
             is_valid = is_valid and abs(out[row, i]) < _MAX_ESTIMATE
-        if sensor_delay > 0:  # a delayed sensor repeats its first sample
-            following = _PLANT + (out.shape[1] - _PLANT) // 2
-            is_valid = is_valid and before[row, following + AGE] > sensor_delay
+        if plant.sensor_delay > 0:  # a delayed sensor repeats its first sample
+            following = PLANT + (out.shape[1] - PLANT) // 2
+            is_valid = is_valid and before[row, following + AGE] > plant.sensor_delay
         if not is_valid:
             begin(m, model, memory, row)
-
-
-@compiled
-def _commands(memory: Floats, packed: Floats, packed_model: Floats, packed_rigid: Floats | None, out: Floats) -> None:
-    numbers, model = unpack_numbers(packed), unpack_pendulum(packed_model)
-    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
-    for row in range(out.shape[0]):
-        m = read_measurement(memory.T, _OBSERVED, row, model, rigid)
-        store_four(out.T, 0, row, adrc(m, memory.T, row, numbers, model))
 
 
 @compiled
@@ -402,30 +345,31 @@ def _corrected(error: float, rate: float, share: float) -> float:
 
 
 @compiled
-def _predict(
-    last: Any, measurement: Measurement, packed: Floats, loop: Any, packed_rigid: Floats | None, outs: Any
-) -> None:
-    """Write the measured plant into the memory, the plant at the time when the action acts, and the command then."""
-    (before, started), (parts, actuators, packed_plant), (out, later, command) = last, loop, outs
-    numbers, plant = unpack_numbers(packed), unpack_plant(packed_plant)
+def _commands(
+    last: Any, observation: Floats32, packed: Floats, packed_loop: Any, packed_rigid: Any, out: Floats, later: Floats
+) -> Floats:
+    """Return the commands, by the estimates at the time when the action acts (`later`) if the memory contains some."""
+    (before, started), numbers, loop = last, unpack_numbers(packed), unpack_loop(packed_loop)
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
-    model, size, buffer = plant.pendulum, later.shape[1], np.empty((BUFFER_SIZE, 1))
-    chains = np.empty((OBSERVERS_SIZE, 1))
+    model, size, buffer = loop.plant.pendulum, later.shape[1], np.empty((BUFFER_SIZE, 1))
+    chains, command = np.empty((OBSERVERS_SIZE, 1)), np.empty((out.shape[0], ACTION_SIZE))
     for row in range(out.shape[0]):
-        now, kept = out[:, _PLANT : _PLANT + size].T, before[:, _PLANT + size : _PLANT + 2 * size].T
-        given = load_state(measurement.state.T, 0, row)
-        reference = load_derivatives(measurement.reference[row], load(measurement.yaw_reference.T, 0, row))
-        has_rates = not np.isnan(given.euler_rate.x)
-        m = read_measurement(out.T, _OBSERVED, row, model, rigid)
+        m = read_measurement(out.T, OBSERVED, row, model, rigid)
+        if size == 0:
+            store_four(command.T, 0, row, adrc(m, out.T, row, numbers, model))
+            continue
+        now, kept = out[:, PLANT : PLANT + size].T, before[:, PLANT + size : PLANT + 2 * size].T
+        has_rates = observation.shape[1] == OBSERVATION_SIZE
+        given, reference = measure(observation.T, row, has_rates, model.vehicle.rod_length)
         s = state_from_chains(given, has_rates, reference, m, out.T, row, model, rigid)
         if not (started[row] or has_rates):
             rate = _corrected_rate(s, load_state(kept, 0, row), numbers)
             s = VehicleState(s.position, s.velocity, s.euler, rate, s.direction, s.direction_rate)
-        last = Four(0.0, 0.0, 0.0, 0.0)
+        chosen = Four(0.0, 0.0, 0.0, 0.0)
         for i in range(size):
             now[i, row] = 0.0 if started[row] or (i < LOOP and i != AGE) else kept[i, row]
         if not started[row]:
-            last = load_four(before.T, _ACTION, row)
+            chosen = load_four(before.T, ACTION, row)
         store_state(now, 0, row, s)
         store_reference(now, REFERENCE, row, reference)
         now[MASS_RATIO, row] = 1.0
@@ -440,16 +384,15 @@ def _predict(
             later[row, i] = now[i, row]
         for i in range(OBSERVERS_SIZE):
             chains[i, 0] = out[row, i]
-        then, yaw = later.T, reference.yaw
+        then = later.T
         store_forces(then, PLANT_DISTURBANCE, row, estimated_forces(out.T, row, numbers, model))
-        if parts.shape[0] > 1:
-            yaw = carry_forward(then, row, last, yaw, parts, actuators, plant, rigid, buffer)
+        if loop.parts.shape[0] > 1:
+            carry_forward(then, row, chosen, loop, rigid, buffer)
             is_bounded = True
             for i in range(STATE_SIZE):
                 is_bounded = is_bounded and abs(later[row, i]) < _MAX_STATE
             if is_bounded:
-                ahead = load_derivatives(later[row, REFERENCE:MASS_RATIO].reshape((5, 3)), yaw)
-                state = load_state(then, 0, row)
+                state, _, ahead = law_inputs(later, row)
                 present = measurement_of_state(s, reference, model, rigid)
                 chains_of_state(s, reference, present, model, rigid, -1.0, chains, 0)
                 m = measurement_of_state(state, ahead, model, rigid)
@@ -462,27 +405,24 @@ def _predict(
         turning = euler_accelerations(state, turning, rigid)
         demanded = Four(demanded.a, p.inertia_roll * turning.x, p.inertia_pitch * turning.y, p.inertia_yaw * turning.z)
         store_four(command.T, 0, row, body_command(state, demanded, calm(), model, rigid))
+    return command
 
 
 @compiled
-def _apply(
-    memory: Floats, action: Floats32, packed: Floats, loop: Any, packed_rigid: Floats | None, out: Floats
-) -> None:
+def _apply(action: Floats32, packed: Floats, packed_loop: Any, packed_rigid: Any, out: Floats) -> None:
     """Write action, predicted plant and mean command for the case that these actions are applied."""
-    numbers, buffer, (parts, actuators, packed_plant) = unpack_numbers(packed), np.empty((BUFFER_SIZE, 1)), loop
-    plant, rigid = unpack_plant(packed_plant), None if packed_rigid is None else unpack_rigid(packed_rigid)
-    model, size, p = plant.pendulum, (out.shape[1] - _PLANT) // 2, plant.pendulum.physics
-    period = Part(parts[0, 0], parts[0, 1], parts[0, 2])
-    out[:] = memory
+    numbers, loop, buffer = unpack_numbers(packed), unpack_loop(packed_loop), np.empty((BUFFER_SIZE, 1))
+    rigid, model = None if packed_rigid is None else unpack_rigid(packed_rigid), loop.plant.pendulum
+    size, p = (out.shape[1] - PLANT) // 2, model.physics
     for row in range(out.shape[0]):
-        now, following = out[:, _PLANT : _PLANT + size].T, out[:, _PLANT + size :].T
+        now, following = out[:, PLANT : PLANT + size].T, out[:, PLANT + size :].T
         chosen = load_action(action, row)
-        store_four(out.T, _ACTION, row, chosen)
+        store_four(out.T, ACTION, row, chosen)
         for i in range(size):
             following[i, row] = 0.0 if REFERENCE <= i < MASS_RATIO else now[i, row]
-        advance(following, row, chosen, period, actuators[0], plant, rigid, buffer)
+        advance(following, row, chosen, 0, loop, rigid, buffer)
         before, after = load_state(now, 0, row), load_state(following, 0, row)
-        m = read_measurement(out.T, _OBSERVED, row, model, rigid)
+        m = read_measurement(out.T, OBSERVED, row, model, rigid)
         thrust = ((after.velocity.z - before.velocity.z) / numbers.period + p.gravity) / _limited_thrust_gain(m, model)
         # Mean accelerations of tilt and yaw, as φ, θ and ψ near hover
         first, second = tilt_rate_of(before, before.euler.z, rigid), tilt_rate_of(after, before.euler.z, rigid)
@@ -491,7 +431,7 @@ def _apply(
         yaw = (after.euler_rate.z - before.euler_rate.z) / numbers.period
         roll, pitch = -tilt.y / numbers.period, tilt.x / numbers.period
         command = Four(thrust, p.inertia_roll * roll, p.inertia_pitch * pitch, p.inertia_yaw * yaw)
-        store_four(out.T, _COMMAND, row, command)
+        store_four(out.T, COMMAND, row, command)
 
 
 class ADRC(Controller):
@@ -561,58 +501,47 @@ class ADRC(Controller):
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, AdrcMemory]:
+    ) -> tuple[Floats32, Floats]:
         """Return action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
         observation = np.atleast_2d(np.asarray(observation, np.float32))
-        outputs = observation[:, OUTPUT_FEEDBACK_COLUMNS] if observation.shape[1] == OBSERVATION_SIZE else observation
         rows, size = len(observation), self._estimate_size
-        memory = AdrcMemory(np.empty((rows, _PLANT + 2 * size)))
-        before, started = memory if state is None else state, episode_start_mask(episode_start, state is None, rows)
-        model, sensor_delay = self.model, self._prediction.loop.sensor_delay
-        numbers = (self._bank, self._packed, model.packed, model.packed_rigid, sensor_delay)
-        _observe(before.array, started, outputs, *numbers, memory.array)
+        memory, later = np.empty((rows, PLANT + 2 * size)), np.empty((rows, size))
+        last = memory if state is None else state, episode_start_mask(episode_start, state is None, rows)
+        _observe(last, observation, self._bank, self._packed, *self._prediction.numbers, memory)
+        command = self.command(last, observation, memory, later)
         if not size:
-            action, memory.command[:] = to_action(self.command(memory), self.simulation)
-            memory.array[:, _ACTION:_OBSERVED] = action
+            action, memory[:, COMMAND:ACTION] = to_action(command, self.simulation)
+            memory[:, ACTION:OBSERVED] = action
         else:
-            action, memory = self._predicted_action(observation, before, started, memory)
+            wanted, _ = to_action(command, self.simulation, later[:, RIGID_PART : RIGID_PART + RIGID_SIZE])
+            action = np.nan_to_num(self._prediction.compensate(wanted, later))
+            self._apply(memory, action)
         return (action[0] if single else action), memory
 
-    def command(self, memory: AdrcMemory) -> Floats:
+    def command(self, last: Any, observation: Floats32, memory: Floats, later: Floats) -> Floats:
         """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation, shape (n, 4)."""
-        out = np.empty((len(memory.array), ACTION_SIZE))
-        _commands(memory.array, self._packed, self.model.packed, self.model.packed_rigid, out)
-        return out
+        return _commands(last, observation, self._packed, *self._prediction.numbers, memory, later)
 
-    def _predicted_action(
-        self, observation: Floats32, before: AdrcMemory, started: Booleans, memory: AdrcMemory
-    ) -> tuple[Floats32, AdrcMemory]:
-        """Return the actions by the predicted state at the time when they act, and the memory."""
-        measured = measurement_from_observation(observation, self.simulation.parameters.rod_length)
-        later, command = np.empty((len(started), self._estimate_size)), np.empty((len(started), ACTION_SIZE))
-        outs = memory.array, later, command
-        _predict((before.array, started), measured, self._packed, *self._prediction.numbers, outs)
-        wanted, _ = to_action(command, self.simulation, later[:, RIGID_PART : RIGID_PART + RIGID_SIZE])
-        action = np.nan_to_num(self._prediction.compensate(wanted, later))
-        return action, self.with_applied_action(memory, action)
-
-    def with_applied_action(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
-        """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
-        out = AdrcMemory(memory.array.copy())
+    def _apply(self, memory: Floats, action: Floats32) -> None:
         if self._estimate_size:
-            _apply(memory.array, action, self._packed, *self._prediction.numbers, out.array)
+            _apply(action, self._packed, *self._prediction.numbers, memory)
         else:
-            out.command[:], out.array[:, _ACTION:_OBSERVED] = to_command(action, self.simulation), action
+            memory[:, COMMAND:ACTION], memory[:, ACTION:OBSERVED] = to_command(action, self.simulation), action
+
+    def with_applied_action(self, memory: Floats, action: Floats32) -> Floats:
+        """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
+        out = memory.copy()
+        self._apply(out, action)
         return out
 
-    def estimated_disturbance(self, memory: AdrcMemory) -> Floats:
+    def estimated_disturbance(self, memory: Floats) -> Floats:
         """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
 
         Near hover, the estimates δ̂ (with the paper's law ϑ̂/K) and ϑ̂ are converted to a force on the quadrotor (world
         frame) and a yaw torque. The other components are zero, because the observers cannot distinguish a force on the
         bob, and with the paper's law a roll or pitch torque, from a force on the quadrotor.
         """
-        out = np.empty((len(memory.array), DISTURBANCE_SIZE))
-        _disturbances(memory.array, self._packed, self.model.packed, out)
+        out = np.empty((len(memory), DISTURBANCE_SIZE))
+        _disturbances(memory, self._packed, self.model.packed, out)
         return out

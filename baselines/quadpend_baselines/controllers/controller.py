@@ -13,14 +13,11 @@ class Controller(Policy):
 
     Attributes:
         simulation: Nominal plant, torque limits and control period for which the controller is designed.
+        flies_load: Whether the controller, designed for a mirrored simulation, also flies a hanging pendulum.
     """
 
     simulation: Simulation
-
-    @property
-    def flies_load(self) -> bool:
-        """Whether the controller, designed for a mirrored simulation, also flies a hanging pendulum."""
-        return False
+    flies_load: bool = False
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Controller":
         """Return the same controller, designed for another nominal simulation and loop; None: a loop without delays."""

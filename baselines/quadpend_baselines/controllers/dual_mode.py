@@ -16,15 +16,15 @@ tuned (`controllers.vehicle_gains`).
 Dual-mode control switches from one law to the other; here the change is continuous.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.controllers.flatness import FlatnessNumbers, flatness, pack_gains, unpack_gains
+from quadpend_baselines.controllers.flatness import flatness
 from quadpend_baselines.controllers.lqr import deviation, feedback, riccati
-from quadpend_baselines.estimation.prediction import Estimate, Measurement, law_inputs
+from quadpend_baselines.estimation.estimator import Estimate, law_inputs
 from quadpend_baselines.gains import DualModeGains
 from quadpend_baselines.modelling.equivalent import Pendulum, equivalent_model, unpack_pendulum
 from quadpend_baselines.modelling.linear_model import model_state
@@ -37,18 +37,7 @@ from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.vectors import Four, store_four
 
-
-class DualModeNumbers(NamedTuple):
-    """The limits of equation (4) inside compiled functions, see `DualModeGains`."""
-
-    near_error: float
-    far_error: float
-    near_tilt: float
-    far_tilt: float
-    scale: float  # p² T of equation (5), m² s
-
-
-unpack_numbers = unpacker(DualModeNumbers)
+unpack_gains = unpacker(DualModeGains)
 
 
 @inlined
@@ -62,27 +51,15 @@ def dual_mode(
     s: VehicleState,
     disturbance: Forces,
     reference: Derivatives,
-    gains: FlatnessNumbers,
+    gains: DualModeGains,
     gain: Any,
     cost: Any,
-    numbers: DualModeNumbers,
+    period: float,
     model: Pendulum,
     rigid: RigidSettings | None,
 ) -> Four:
-    """Return thrust (N) and torques (N·m) of equation (1).
-
-    Args:
-        s: State, with position and velocity relative to the reference.
-        disturbance: Disturbance, N and N·m.
-        reference: The reference.
-        gains: Gains of the law far from the reference.
-        gain: K of the law near it, shape (4, 16).
-        cost: P, shape (16, 16).
-        numbers: Limits of the change.
-        model: The equivalent pendulum.
-        rigid: Settings of a rigid vehicle; None: the paper's vehicle.
-    """
-    far = flatness(s, disturbance, reference, Four(1.0, 1.0, 1.0, 1.0), gains, model, rigid)
+    """Return thrust (N) and torques (N·m) of equation (1); `gain` is K, shape (4, 16), and `cost` P, shape (16, 16)."""
+    far = flatness(s, disturbance, reference, Four(1.0, 1.0, 1.0, 1.0), gains.far, model, rigid)
     error, command = deviation(s, disturbance, reference, model, rigid)
     x = model_state(error, 0.0, 1.0)
     correction = feedback(x, gain, 0)
@@ -92,8 +69,9 @@ def dual_mode(
             remaining += x[i] * cost[i, j] * x[j]
     upright = min(s.direction.z, sincos(s.euler.x)[1] * sincos(s.euler.y)[1])
     tilt = arctan2(np.sqrt(max(1.0 - upright * upright, 0.0)), upright)
-    share = _fade(np.sqrt(numbers.scale * max(remaining, 0.0)), numbers.near_error, numbers.far_error)
-    share = share * _fade(tilt, numbers.near_tilt, numbers.far_tilt)
+    scale = gains.near.position * gains.near.position * period
+    share = _fade(np.sqrt(scale * max(remaining, 0.0)), gains.near_error, gains.far_error)
+    share = share * _fade(tilt, gains.near_tilt, gains.far_tilt)
     return Four(
         far.a + share * (command.a - correction.a - far.a),
         far.b + share * (command.b - correction.b - far.b),
@@ -103,15 +81,13 @@ def dual_mode(
 
 
 @compiled
-def _commands(
-    estimate: Floats, measurement: Measurement, packed: Any, packed_rigid: Floats | None, out: Floats
-) -> None:
-    far, gain, cost = unpack_gains(packed[0]), packed[1], packed[2]
-    limits, pendulum = unpack_numbers(packed[3]), unpack_pendulum(packed[4])
+def _commands(estimate: Floats, packed: Any, packed_rigid: Floats | None, out: Floats) -> None:
+    gain, cost, period = packed[1], packed[2], packed[3]
+    gains, pendulum = unpack_gains(packed[0]), unpack_pendulum(packed[4])
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
-        state, forces, wanted = law_inputs(estimate, measurement, row)
-        store_four(out.T, 0, row, dual_mode(state, forces, wanted, far, gain, cost, limits, pendulum, rigid))
+        state, forces, wanted = law_inputs(estimate, row)
+        store_four(out.T, 0, row, dual_mode(state, forces, wanted, gains, gain, cost, period, pendulum, rigid))
 
 
 @dataclass(frozen=True)
@@ -123,18 +99,17 @@ class DualMode:
 
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None]:
-        g, model = self.gains, equivalent_model(self.simulation)
-        scale = g.near.position**2 * self.simulation.period
-        limits = pack(DualModeNumbers(g.near_error, g.far_error, g.near_tilt, g.far_tilt, scale))
-        gain, cost = (np.ascontiguousarray(matrix) for matrix in riccati(g.near, self.simulation))
-        return (pack_gains(g.far), gain, cost, limits, model.packed), model.packed_rigid
+        model = equivalent_model(self.simulation)
+        gain, cost = (np.ascontiguousarray(matrix) for matrix in riccati(self.gains.near, self.simulation))
+        gains = pack(astuple(self.gains))
+        return (gains, gain, cost, self.simulation.period, model.packed), model.packed_rigid
 
     def initial_memory(self, rows: int) -> tuple[()]:
         """Return an empty tuple: this law has no memory."""
         return ()
 
-    def command(self, estimate: Estimate, measurement: Measurement, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
+    def command(self, estimate: Estimate, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
         """Return the command of equation (1); see `output_feedback.ControlLaw`."""
         out = np.empty((len(estimate.array), 4))
-        _commands(estimate.array, measurement, *self._numbers, out)
+        _commands(estimate.array, *self._numbers, out)
         return out, memory

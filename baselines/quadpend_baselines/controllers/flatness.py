@@ -27,13 +27,13 @@ For rigid vehicles, F, s and the parameters are those of the equivalent pendulum
 called s here), and the torques that make the demanded accelerations follow from the inverse dynamics.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.estimation.prediction import Estimate, Measurement, law_inputs
+from quadpend_baselines.estimation.estimator import Estimate, law_inputs
 from quadpend_baselines.gains import FlatnessGains
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
@@ -74,28 +74,7 @@ _MIN_THRUST_EFFECT = 0.1  # lower bound of the factor of u in the equation of th
 _NOMINAL_SCALE: Floats = np.ones((1, 4))
 
 
-class FlatnessNumbers(NamedTuple):
-    """The gains inside compiled functions, see `FlatnessGains`."""
-
-    position_bandwidth: float
-    pendulum_bandwidth: float
-    attitude_bandwidth: float
-    damping: float
-    vertical_bandwidth: float
-    acceleration: float
-    velocity: float
-    lean: float
-    far_pendulum_bandwidth: float
-    far_attitude_bandwidth: float
-    near: float
-
-
-unpack_gains = unpacker(FlatnessNumbers)
-
-
-def pack_gains(gains: FlatnessGains) -> Floats:
-    """Return the gains as a flat array that `unpack_gains` reads."""
-    return pack(FlatnessNumbers(*(getattr(gains, name) for name in FlatnessNumbers._fields)))
+unpack_gains = unpacker(FlatnessGains)
 
 
 @inlined
@@ -104,20 +83,13 @@ def flatness(
     disturbance: Forces,
     reference: Derivatives,
     bandwidth_scale: Four,
-    gains: FlatnessNumbers,
+    gains: FlatnessGains,
     model: Pendulum,
     rigid: RigidSettings | None,
 ) -> Four:
     """Return thrust (N) and torques (N·m) of equations (1)–(7).
 
-    Args:
-        s: State, with position and velocity relative to the reference.
-        disturbance: Disturbance, N and N·m.
-        reference: The reference.
-        bandwidth_scale: Factors on the bandwidths of position, pendulum, attitude, and of height and yaw together.
-        gains: The gains.
-        model: The equivalent pendulum.
-        rigid: Settings of a rigid vehicle; None: the paper's vehicle.
+    `bandwidth_scale` are factors on the bandwidths of position, pendulum, attitude, and of height and yaw together.
     """
     p, d, r, r_dot = model.physics, equivalent_forces(disturbance, model), s.direction, s.direction_rate
     path = flat_trajectory(equivalent_reference(reference, model), d, p)
@@ -234,13 +206,11 @@ def _coefficients(a: float, b: float, c: float, damping: float) -> tuple[float, 
 
 
 @compiled
-def _commands(
-    estimate: Floats, measurement: Measurement, scales: Floats, packed: Any, packed_rigid: Floats | None, out: Floats
-) -> None:
+def _commands(estimate: Floats, scales: Floats, packed: Any, packed_rigid: Floats | None, out: Floats) -> None:
     numbers, pendulum = unpack_gains(packed[0]), unpack_pendulum(packed[1])
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
-        state, forces, wanted = law_inputs(estimate, measurement, row)
+        state, forces, wanted = law_inputs(estimate, row)
         bandwidth_scale = load_four(scales.T, 0, min(row, scales.shape[0] - 1))
         store_four(out.T, 0, row, flatness(state, forces, wanted, bandwidth_scale, numbers, pendulum, rigid))
 
@@ -255,23 +225,19 @@ class Flatness:
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None]:
         model = equivalent_model(self.simulation)
-        return (pack_gains(self.gains), model.packed), model.packed_rigid
+        return (pack(astuple(self.gains)), model.packed), model.packed_rigid
 
     def initial_memory(self, rows: int) -> tuple[()]:
         """Return an empty tuple: this law has no memory."""
         return ()
 
     def command(
-        self,
-        estimate: Estimate,
-        measurement: Measurement,
-        memory: tuple[()],
-        bandwidth_scale: Floats = _NOMINAL_SCALE,
+        self, estimate: Estimate, memory: tuple[()], bandwidth_scale: Floats = _NOMINAL_SCALE
     ) -> tuple[Floats, tuple[()]]:
         """Return the command of equations (1)–(7); see `output_feedback.ControlLaw`.
 
         `bandwidth_scale` are the factors of `flatness`, shape (n, 4) or (1, 4).
         """
         out = np.empty((len(estimate.array), 4))
-        _commands(estimate.array, measurement, bandwidth_scale, *self._numbers, out)
+        _commands(estimate.array, bandwidth_scale, *self._numbers, out)
         return out, memory

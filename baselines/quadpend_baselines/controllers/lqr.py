@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
-from quadpend_baselines.estimation.prediction import Estimate, Measurement, law_inputs
+from quadpend_baselines.estimation.estimator import Estimate, law_inputs
 from quadpend_baselines.gains import LqrGains
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
@@ -202,17 +202,7 @@ def lqr(
     model: Pendulum,
     rigid: RigidSettings | None,
 ) -> tuple[Four, Vec3]:
-    """Return thrust (N) and torques (N·m) of equation (1), and the integrals σ after this step, m·s.
-
-    Args:
-        s: State, with position and velocity relative to the reference.
-        reference: The reference.
-        integral: σ, world frame.
-        gain: K, shape (4, 16), or (4, 19) with integrators.
-        numbers: Limits and period.
-        model: The equivalent pendulum.
-        rigid: Settings of a rigid vehicle; None: the paper's vehicle.
-    """
+    """Return thrust (N) and torques (N·m) of equation (1), and the integrals σ (m·s, world frame) after this step."""
     x, command = deviation(s, calm(), reference, model, rigid)
     near = limit_length(Vec2(x.position.x, x.position.y), numbers.reach)
     position = Vec3(near.x, near.y, x.position.z)
@@ -237,14 +227,12 @@ def lqr(
 
 
 @compiled
-def _commands(
-    estimate: Floats, measurement: Measurement, memory: Floats, packed: Any, packed_rigid: Floats | None, outs: Any
-) -> None:
+def _commands(estimate: Floats, memory: Floats, packed: Any, packed_rigid: Floats | None, outs: Any) -> None:
     gain, limits, pendulum = packed[0], unpack_numbers(packed[1]), unpack_pendulum(packed[2])
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
     out, memory_out = outs
     for row in range(out.shape[0]):
-        state, _, wanted = law_inputs(estimate, measurement, row)
+        state, _, wanted = law_inputs(estimate, row)
         command, integral = lqr(state, wanted, load(memory.T, 0, row), gain, limits, pendulum, rigid)
         store_four(out.T, 0, row, command)
         store(memory_out.T, 0, row, integral)
@@ -268,8 +256,8 @@ class Lqr:
         """Return σ = 0, shape (rows, 3), m·s."""
         return np.zeros((rows, _OUTPUTS))
 
-    def command(self, estimate: Estimate, measurement: Measurement, memory: Floats) -> tuple[Floats, Floats]:
+    def command(self, estimate: Estimate, memory: Floats) -> tuple[Floats, Floats]:
         """Return the command of equation (1) and the integrals σ; see `output_feedback.ControlLaw`."""
         out, after = np.empty((len(memory), 4)), np.empty_like(memory)
-        _commands(estimate.array, measurement, memory, *self._numbers, (out, after))
+        _commands(estimate.array, memory, *self._numbers, (out, after))
         return out, after

@@ -25,11 +25,11 @@ import numpy as np
 
 from quadpend_baselines.controllers import mppi_kernel
 from quadpend_baselines.controllers.lqr import riccati, weights
-from quadpend_baselines.estimation.prediction import Estimate, Measurement
+from quadpend_baselines.controllers.reference_horizon import Horizon, reference_horizon
+from quadpend_baselines.estimation.estimator import Estimate
 from quadpend_baselines.gains import MppiGains
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
-from quadpend_baselines.modelling.reference_horizon import Horizon, reference_horizon
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.physics.state import COMMAND_SIZE, State
@@ -69,10 +69,10 @@ class Mppi:
         """Return δ = 0."""
         return MppiMemory(np.zeros((rows, self.gains.knots, COMMAND_SIZE)), np.zeros(rows, np.int64))
 
-    def command(self, estimate: Estimate, measurement: Measurement, memory: MppiMemory) -> tuple[Floats, MppiMemory]:
+    def command(self, estimate: Estimate, memory: MppiMemory) -> tuple[Floats, MppiMemory]:
         """Return the command and the memory of equations (1)–(3); see `output_feedback.ControlLaw`."""
         period, steps = self.horizon_simulation.period, self.gains.horizon
-        horizon = reference_horizon(estimate, measurement, self.simulation, period, steps)
+        horizon = reference_horizon(estimate, self.simulation, period, steps)
         samples = memory.perturbation[:, np.newaxis] + self.perturbations[memory.updates % _TABLES]
         samples = np.concatenate([np.zeros_like(samples[:, :1]), samples], axis=1)
         cost = self.costs(estimate, horizon, samples)

@@ -119,7 +119,7 @@ def costs(
         parameters: Physical parameters of the nominal plant, shape (9,).
         reference_state: x_d, shape (H + 1, n, 16).
         reference_command: u_d, N and N·m, shape (H + 1, n, 4).
-        frame_displacement: See `modelling.reference_horizon.Horizon`, shape (H, 2, n, 3).
+        frame_displacement: See `controllers.reference_horizon.Horizon`, shape (H, 2, n, 3).
         samples: δᵏ at the knots, N and N·m, shape (n, knots, 4, samples).
         gain: K, shape (4, 16).
         state_weight: Q, shape (16, 16).

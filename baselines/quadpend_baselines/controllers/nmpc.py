@@ -7,7 +7,7 @@ At every control step the law improves a plan of states z and actions a over H p
 
 f is the simulation of the vehicle with its interface, rate loop and rotor lag, under the estimated disturbance d̂, which
 is taken as constant. z is the state of `linear_model`, followed by the thrusts of the rotors of a rigid vehicle. ẑ is
-the predicted state when the action begins to act, after the latency (`estimation.prediction`). z_d and a_d follow the
+the predicted state when the action begins to act, after the latency (`estimation.estimator`). z_d and a_d follow the
 trajectory of `modelling.equivalent` under d̂. Q has the tolerances of `lqr`, in the axes of the heading, R those of
 thrust and torques, or of body rates, and P solves the Riccati equation at hover. So the law is an LQR near the
 reference, and far from it the law takes the limits and the nonlinear motion into account.
@@ -35,7 +35,8 @@ import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
 from quadpend_baselines.controllers.lqr import weights
-from quadpend_baselines.estimation.prediction import Estimate, Measurement
+from quadpend_baselines.controllers.reference_horizon import reference_horizon
+from quadpend_baselines.estimation.estimator import Estimate
 from quadpend_baselines.gains import NmpcGains
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import (
@@ -46,7 +47,6 @@ from quadpend_baselines.modelling.linear_model import (
     rotate_state,
 )
 from quadpend_baselines.modelling.planar import limit_norm
-from quadpend_baselines.modelling.reference_horizon import reference_horizon
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.physics.plants import plant_of
@@ -137,9 +137,9 @@ class Nmpc:
         states, actions = np.zeros((rows, periods + 1, self.size)), np.zeros((rows, periods, ACTION_SIZE))
         return NmpcMemory(states, actions, np.full(rows, _NO_PLAN), np.zeros(rows, np.int64))
 
-    def command(self, estimate: Estimate, measurement: Measurement, memory: NmpcMemory) -> tuple[Floats, NmpcMemory]:
+    def command(self, estimate: Estimate, memory: NmpcMemory) -> tuple[Floats, NmpcMemory]:
         """Return the actions of equations (1)–(2), shape (n, 4), and the memory."""
-        horizon, age = self._horizon(estimate, measurement), memory.age + 1
+        horizon, age = self._horizon(estimate), memory.age + 1
         is_old = (age > self.steps)[:, np.newaxis, np.newaxis]
         plan = np.where(is_old, horizon.states, self._later(memory.states))
         actions, succeeds = np.where(is_old, horizon.actions, self._later(memory.actions)), np.ones(len(age), np.bool_)
@@ -189,10 +189,10 @@ class Nmpc:
         """Return z, shape (n, s), of states and memories of the plant."""
         return np.hstack([state[:, STATE_COLUMNS], memory[:, ROTOR_THRUST:]])[:, : self.size]
 
-    def _horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
+    def _horizon(self, estimate: Estimate) -> Horizon:
         simulation, (rows, steps) = self.simulation, (len(estimate.state), self.gains.periods + 1)
         period = self.steps * simulation.period
-        found = reference_horizon(estimate, measurement, simulation, period, self.gains.periods)
+        found = reference_horizon(estimate, simulation, period, self.gains.periods)
         state, command = (np.concatenate(np.swapaxes(part, 0, 1)) for part in (found.state, found.command))
         disturbance, plant = np.repeat(estimate.disturbance, steps, axis=0), plant_of(simulation)
         command = equivalent_model(simulation).body_command(state, command, disturbance)

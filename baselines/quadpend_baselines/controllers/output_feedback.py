@@ -11,14 +11,8 @@ from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.nmpc import Nmpc
-from quadpend_baselines.estimation.estimator import (
-    Estimator,
-    measurement_from_observation,
-    observation_from_state,
-    replace_reference,
-)
+from quadpend_baselines.estimation.estimator import Estimate, Estimator, measurement_from_observation, observation_of
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
@@ -31,7 +25,7 @@ class ControlLaw(Protocol):
     def initial_memory(self, rows: int) -> Any:
         """Return the memory at the start of an episode: an array of `rows` rows or a tuple of such arrays."""
 
-    def command(self, estimate: Estimate, measurement: Measurement, memory: Any) -> tuple[Floats, Any]:
+    def command(self, estimate: Estimate, memory: Any) -> tuple[Floats, Any]:
         """Return thrust (N) and torques (N·m), shape (n, 4), before saturation, and the memory of the law."""
 
 
@@ -41,7 +35,6 @@ class OutputFeedbackMemory(NamedTuple):
     estimate: Estimate  # the estimate after the latest measurement
     law_memory: Any  # the memory of the control law
     action: Floats32  # the latest action, shape (n, 4); zeros at the start of an episode
-    measurement: Any = ()  # the latest `Measurement`, if its action is not computed yet
 
 
 class OutputFeedback(Controller):
@@ -53,6 +46,10 @@ class OutputFeedback(Controller):
             `estimator` holds those of the estimator.
         simulation: Nominal plant, torque limits and control period; None: the default simulation.
         loop: The known delays and lags of the loop; None: there are none.
+
+    Attributes:
+        predicted_loop: The part of the loop through which the controller predicts, with whole periods of the latency.
+        has_bandwidth_scale: Whether the `command` method of the control law takes a `bandwidth_scale`.
     """
 
     def __init__(
@@ -68,21 +65,9 @@ class OutputFeedback(Controller):
         self._law = make_law(self.gains, self.simulation)
         self.has_linear_model = not isinstance(self._law, Mppi | Nmpc)
         self.estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
-
-    @property
-    def predicted_loop(self) -> Loop:
-        """The delays and lags through which the controller predicts, with whole periods of the vehicle's latency."""
-        return self.estimator.prediction.loop
-
-    @property
-    def has_bandwidth_scale(self) -> bool:
-        """Whether the `command` method of the control law takes a `bandwidth_scale`."""
-        return isinstance(self._law, Flatness)
-
-    @property
-    def flies_load(self) -> bool:
-        """Whether the control law is one of those that were tested with a hanging pendulum."""
-        return isinstance(self._law, Flatness | Lqr | DualMode | Mppi)
+        self.predicted_loop = self.estimator.prediction.loop
+        self.has_bandwidth_scale = isinstance(self._law, Flatness)
+        self.flies_load = isinstance(self._law, Flatness | Lqr | DualMode | Mppi)  # those that were tested with a load
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "OutputFeedback":
         """Return the same controller, designed for another nominal simulation and loop."""
@@ -102,34 +87,35 @@ class OutputFeedback(Controller):
     ) -> OutputFeedbackMemory:
         """Update the estimates with new observations, shape (n, 36), or (n, 27) without velocities."""
         measurement = measurement_from_observation(observation, self.simulation.parameters.rod_length)
-        rows = len(measurement.state)
+        rows = len(observation)
         if state is None:
             estimate, none = self.estimator.observe(measurement), np.zeros((rows, ACTION_SIZE), np.float32)
-            return OutputFeedbackMemory(estimate, self._law.initial_memory(rows), none, measurement)
+            return OutputFeedbackMemory(estimate, self._law.initial_memory(rows), none)
         started = None if episode_start is None else episode_start_mask(episode_start, False, rows)
         estimate = self.estimator.observe(measurement, state.estimate, state.action, started)
         law_memory, action = state.law_memory, state.action
         if started is not None and started.any():
             initial = self._law.initial_memory(rows), np.zeros_like(action)
             law_memory, action = select_rows(started, initial, (law_memory, action))
-        return OutputFeedbackMemory(estimate, law_memory, action, measurement)
+        return OutputFeedbackMemory(estimate, law_memory, action)
 
     def control(self, estimation: OutputFeedbackMemory, **options: Any) -> tuple[Floats32, OutputFeedbackMemory]:
         """Return the actions of n rows, shape (n, 4), and the memory; `options` are passed on to the control law."""
         prediction = self.estimator.prediction
-        estimate, measurement = prediction.carry_forward(estimation.estimate, estimation.action, estimation.measurement)
+        estimate = prediction.carry_forward(estimation.estimate, estimation.action)
         nominal = estimate
         if self.gains.estimator.mass_time:
             # A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
             nominal = Estimate(estimate.array.copy())
-            nominal.disturbance[:, :TORQUE] /= estimate.mass_ratio[:, np.newaxis]
-        command, law_memory = self._law.command(nominal, measurement, estimation.law_memory, **options)
+            nominal.disturbance[:, :TORQUE] /= estimate.mass_ratio
+        command, law_memory = self._law.command(nominal, estimation.law_memory, **options)
+        mass_ratio = estimate.mass_ratio[:, 0]
         if isinstance(self._law, Nmpc):  # its commands are actions, of which a zero thrust is that of hover
-            command[:, THRUST] = estimate.mass_ratio * (1.0 + command[:, THRUST]) - 1.0
+            command[:, THRUST] = mass_ratio * (1.0 + command[:, THRUST]) - 1.0
             wanted = np.clip(command, -1.0, 1.0).astype(np.float32)
         else:
             if nominal is not estimate:
-                command[:, THRUST] *= estimate.mass_ratio
+                command[:, THRUST] *= mass_ratio
             wanted, _ = to_action(command, self.simulation, estimate.rigid)
         action = prediction.compensate(wanted, estimate.array)
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
@@ -140,24 +126,17 @@ class OutputFeedback(Controller):
         The vertical force includes the weight of the estimated deviation from the nominal mass.
         """
         disturbance = memory.estimate.disturbance.copy()
-        disturbance[:, FORCE + 2] -= (memory.estimate.mass_ratio - 1.0) * self.simulation.parameters.hover_thrust
+        disturbance[:, FORCE + 2] -= (memory.estimate.mass_ratio[:, 0] - 1.0) * self.simulation.parameters.hover_thrust
         return disturbance
 
-    def estimated_observation(self, observation: Floats32, memory: OutputFeedbackMemory) -> Floats32:
-        """Return the observation of the estimated state after an observation, shape (n, 36)."""
-        return observation_from_state(memory.estimate.state, observation, self.simulation.parameters.rod_length)
+    def estimated_observation(self, memory: OutputFeedbackMemory) -> Floats32:
+        """Return the observation of the estimated state, shape (n, 36)."""
+        return observation_of(memory.estimate, self.simulation.parameters.rod_length)
 
-    def predicted_observation(self, observation: Floats32, estimation: OutputFeedbackMemory) -> Floats32:
-        """Return the observation of the state at the time when the next action acts, shape (n, 36).
-
-        Without known delays and lags it is `estimated_observation`.
-        """
-        carry_forward = self.estimator.prediction.carry_forward
-        estimate, measurement = carry_forward(estimation.estimate, estimation.action, estimation.measurement)
-        if measurement is estimation.measurement:
-            return self.estimated_observation(observation, estimation)
-        later = replace_reference(observation, measurement)
-        return observation_from_state(estimate.state, later, self.simulation.parameters.rod_length)
+    def predicted_observation(self, memory: OutputFeedbackMemory) -> Floats32:
+        """Return the observation of the state at the time when the next action acts, shape (n, 36)."""
+        later = self.estimator.prediction.carry_forward(memory.estimate, memory.action)
+        return observation_of(later, self.simulation.parameters.rod_length)
 
     def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""

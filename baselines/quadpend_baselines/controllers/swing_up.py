@@ -36,9 +36,8 @@ from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback, OutputFeedbackMemory
 from quadpend_baselines.controllers.vehicle_gains import gains_for
-from quadpend_baselines.estimation.estimator import measurement_from_observation
+from quadpend_baselines.estimation.estimator import Estimate, measurement_from_observation
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.prediction import Measurement
 from quadpend_baselines.gains import SwingUpGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS
 from quadpend_baselines.modelling.planar import limit_norm, rotate
@@ -150,18 +149,18 @@ class SwingUp(Controller):
         ]
         return np.asarray(np.all(small, axis=0) & (s.direction[:, 2] < 0.0))
 
-    def _swing(self, measurement: Measurement, step: Integers) -> Floats32:
+    def _swing(self, measurement: Estimate, step: Integers) -> Floats32:
         """Return the actions of equation (2), shape (n, 4)."""
         plan = tracked_plan(self.gains, self.simulation)
         k = np.minimum(step, len(plan.actions) - 1)
-        heading = measurement.yaw_reference[:, 0]
+        heading = measurement.yaw[:, 0]
         x = rotate(measurement.state, -heading, POSITION, VELOCITY, DIRECTION, DIRECTION_RATE)
         State(x).euler[:, 2] -= heading
         deviation = (x - plan.states[k])[:, np.newaxis]
         action = plan.actions[k] - np.sum(plan.gains[k] * deviation, axis=-1)
         return np.asarray(np.clip(action, -1.0, 1.0), np.float32)
 
-    def _damp(self, s: State, measurement: Measurement) -> Floats32:
+    def _damp(self, s: State, measurement: Estimate) -> Floats32:
         """Return the actions of equation (1), shape (n, 4)."""
         p, gains, r, rate = self.simulation.parameters, self.gains, s.direction, s.direction_rate
         along = p.chain_stiffness * r[:, 2] - np.sum(rate**2, axis=1)  # r̈ without f: `along` times r, horizontally
@@ -177,12 +176,12 @@ class SwingUp(Controller):
         command = np.column_stack([thrust, self._torques(s, measurement, tangent)])
         return to_action(command, self.simulation)[0]
 
-    def _torques(self, s: State, measurement: Measurement, tangent: Floats) -> Floats:
+    def _torques(self, s: State, measurement: Estimate, tangent: Floats) -> Floats:
         """Return the torques that turn the thrust axis towards a direction with a tangent, N·m, shape (n, 3)."""
         p, gains = self.simulation.parameters, self.gains
         forward, lateral = rotate(tangent, -s.euler[:, 2], 0).T
         pitch = np.arctan(forward)
-        wanted = np.column_stack([-np.arctan(lateral * np.cos(pitch)), pitch, measurement.yaw_reference[:, 0]])
+        wanted = np.column_stack([-np.arctan(lateral * np.cos(pitch)), pitch, measurement.yaw[:, 0]])
         bandwidth = np.array([gains.attitude_bandwidth, gains.attitude_bandwidth, gains.vertical_bandwidth])
         acceleration = -2.0 * gains.damping * bandwidth * s.euler_rate - bandwidth**2 * (s.euler - wanted)
         return np.asarray(np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw]) * acceleration)

@@ -11,8 +11,14 @@ All chains are relative to the reference.
 
 from typing import Any, NamedTuple
 
-from quadpend_baselines.estimation.estimator import scaled_vector
-from quadpend_baselines.estimation.prediction import project_direction
+from quadpend_baselines.estimation.estimator import (
+    ATTITUDE,
+    DIRECTION,
+    TRACKING_ERROR,
+    project_direction,
+    read_reference,
+    scaled_vector,
+)
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     chain_stiffness,
@@ -27,23 +33,17 @@ from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.rigid_settings import RigidSettings
 from quadpend_gym.physics.vectors import Vec3
-from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OUTPUT_FEEDBACK_FIELDS
 
 # Observers, each with four states: Luenberger stages of x and y, DESOs of x and y, height, yaw: chains of the state.
 # Only the matched law has the DESOs of the force in x and y.
 LUENBERGER, HORIZONTAL, HEIGHT, YAW, FORCE = 0, 8, 16, 20, 24  # first fields of the observers of x, of height and yaw
 NEXT = 4  # from an observer to the next one, from x to y
-CHAINS_SIZE, OBSERVERS_SIZE = 24, 32
+OBSERVERS_SIZE = 32
 # States of a DESO: output, rate, disturbance ϑ, its rate.
 VALUE, RATE, DISTURBANCE = 0, 1, 2
 _LEAST_VERTICAL = 0.1  # lower bound of r_z and b_z in tangents
 _MAX_ANGLE = 1.4  # rad, limit of roll and pitch in tangents
 _MAX_ANGLE_RATE, _MAX_VELOCITY = 100.0, 100.0  # rad/s and m/s, limits of the rates of a state
-_PLACES = [OUTPUT_FEEDBACK_FIELDS[name].start for name in OUTPUT_FEEDBACK_FIELDS]
-_ERROR, _DIRECTION, _ATTITUDE, _D2, _D3, _D4, _D5, _D6, _YAW = _PLACES
-_ERROR_SCALE, _DIRECTION_SCALE, _ATTITUDE_SCALE, _D2_SCALE, _D3_SCALE, _D4_SCALE, _D5_SCALE, _D6_SCALE, _YAW_SCALE = (
-    OBSERVATION_FIELDS[name].start for name in OUTPUT_FEEDBACK_FIELDS
-)
 
 
 class AdrcMeasurement(NamedTuple):
@@ -90,27 +90,14 @@ def _offset(second: Vec3, fourth: Vec3, model: Pendulum) -> Vec2:
 
 
 @inlined
-def read_reference(observation: Any, first: int, lane: int) -> Derivatives:
-    """Return the reference in an observation without rates, which begins in row `first`."""
-    return Derivatives(
-        scaled_vector(observation, first + _D2, _D2_SCALE, lane),
-        scaled_vector(observation, first + _D3, _D3_SCALE, lane),
-        scaled_vector(observation, first + _D4, _D4_SCALE, lane),
-        scaled_vector(observation, first + _D5, _D5_SCALE, lane),
-        scaled_vector(observation, first + _D6, _D6_SCALE, lane),
-        scaled_vector(observation, first + _YAW, _YAW_SCALE, lane),
-    )
-
-
-@inlined
 def read_measurement(
     observation: Any, first: int, lane: int, model: Pendulum, rigid: RigidSettings | None
 ) -> AdrcMeasurement:
     """Return the measurement in an observation without rates, which begins in row `first`."""
-    error = scaled_vector(observation, first + _ERROR, _ERROR_SCALE, lane)
-    direction = scaled_vector(observation, first + _DIRECTION, _DIRECTION_SCALE, lane)
-    euler = scaled_vector(observation, first + _ATTITUDE, _ATTITUDE_SCALE, lane)
-    return make_measurement(error, direction, euler, read_reference(observation, first, lane), model, rigid)
+    error = scaled_vector(observation, first, TRACKING_ERROR, lane)
+    direction = scaled_vector(observation, first + 3, DIRECTION, lane)
+    euler = scaled_vector(observation, first + 6, ATTITUDE, lane)
+    return make_measurement(error, direction, euler, read_reference(observation, first + 9, lane), model, rigid)
 
 
 @inlined
@@ -218,7 +205,7 @@ def chains_of_state(
     sigma, sigma_rate = sigma_of(m.pendulum, m.tilt, model), sigma_of(s_rate, t_rate, model)
     offset, (_, rate) = _offset(reference.d3, reference.d5, model), bob_offset(s, model.vehicle.rod_length)
     a, b = model.pendulum_arm, model.thrust_arm
-    numbers = (
+    stages = (  # the Luenberger stages of x and y
         m.error.x,
         rate.x + a * s_rate.x + b * t_rate.x - offset.x,
         g * sigma.x - wanted.d2.x,
@@ -227,25 +214,22 @@ def chains_of_state(
         rate.y + a * s_rate.y + b * t_rate.y - offset.y,
         g * sigma.y - wanted.d2.y,
         g * sigma_rate.y - wanted.d3.y,
+    )
+    outputs = (  # value and rate of the DESOs
         stiffness * (sigma.x - m.tilt.x) - wanted.d4.x,
         stiffness * (sigma_rate.x - t_rate.x) - wanted.d5.x,
-        0.0,
-        0.0,
         stiffness * (sigma.y - m.tilt.y) - wanted.d4.y,
         stiffness * (sigma_rate.y - t_rate.y) - wanted.d5.y,
-        0.0,
-        0.0,
         m.error.z,
         s.velocity.z,
-        0.0,
-        0.0,
         m.yaw_error,
         s.euler_rate.z - reference.yaw.y,
-        0.0,
-        0.0,
     )
-    for i in range(CHAINS_SIZE):
-        chains[i, lane] += sign * numbers[i]
+    for i in range(8):
+        chains[i, lane] += sign * stages[i]
+    for i in range(4):
+        chains[HORIZONTAL + 4 * i, lane] += sign * outputs[2 * i]
+        chains[HORIZONTAL + 4 * i + 1, lane] += sign * outputs[2 * i + 1]
 
 
 @inlined

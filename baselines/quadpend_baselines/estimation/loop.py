@@ -46,12 +46,10 @@ class Loop:
 
     @classmethod
     def of(cls, sensors: Iterable[Any] = (), actuators: Iterable[Any] = ()) -> "Loop":
-        """Return the known part of a loop; all other models, for example noise and faults, are left out.
+        """Return the known part of a loop; other models of sensors and actuators, such as noise, are left out.
 
-        Args:
-            sensors: Sensor models.
-            actuators: Actuator models. If `Rotors` is among them, delays and lags act on the thrusts of the rotors,
-                which is the same as on thrust and torques; rate limits are then left out.
+        With `Rotors`, delays and lags act on the thrusts of the rotors, which is the same as on thrust and torques;
+        rate limits are then left out.
         """
         models = tuple(actuators)
         mixed = any(isinstance(model, Rotors) for model in models)
@@ -81,8 +79,7 @@ class Loop:
     def numbers(self, period: float) -> Floats:
         """Return the actuators as rows of kind, decay, share or limit, and factor of equation (2), shape (k, 4).
 
-        Args:
-            period: Length of the period in which they act, s.
+        They act in a period, s.
         """
         rows = []
         for model in self.actuators:
@@ -100,14 +97,8 @@ class Loop:
 def act(action: Any, delay: int, actuators: Any, memory: Any, first: int, lane: int) -> None:
     """Replace the action that the controller has chosen in a control step by the one that acts, in place.
 
-    Args:
-        action: The action, shape (4, 1).
-        delay: Control steps until an action acts.
-        actuators: `Loop.numbers`, shape (k, 4).
-        memory: In the 4 (delay + k) fields from `first` of column `lane`: the actions under way, the oldest first, and
-            the memory of each actuator; changed in place. It is zero at the start of an episode.
-        first: First field of the memory.
-        lane: Column of the memory.
+    `actuators` are `Loop.numbers`, k of them. The memory begins with field `first`: the actions under way, the oldest
+    first, and the memory of each actuator, 4 (delay + k) numbers. It is zero at the start of an episode.
     """
     waiting = ACTION_SIZE * delay
     for i in range(ACTION_SIZE):

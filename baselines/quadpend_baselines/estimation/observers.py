@@ -74,22 +74,16 @@ def design_observers(observers: list[tuple[int, ObserverGains]], period: float) 
 
 @inlined
 def update_observers(
-    estimate: Any, first: int, lane: int, known_input: Any, measured: Any, bank: Any, period: float
+    estimate: Any, lane: int, input_before: Any, input_now: Any, measured: Any, bank: Any, period: float
 ) -> None:
     """Replace the estimates by those one period later, in place, by equations (1)–(3).
 
-    Args:
-        estimate: x̂ of observer i in the four fields from first + 4 i, shape (k, n).
-        first: First field.
-        lane: Column.
-        known_input: u of each observer over the period.
-        measured: y of each observer at the end of the period.
-        bank: The observers, see `design_observers`.
-        period: Period, s.
+    Observer i has its x̂ in the four fields from 4 i, and takes the means of its known inputs u at both ends of the
+    period (trapezoidal rule). `measured` has y at its end, and `bank` is that of `design_observers`.
     """
     t = period
     for i in range(bank.shape[0]):
-        place, u = first + ORDER * i, known_input[i]
+        place, u = ORDER * i, 0.5 * (input_before[i] + input_now[i])
         d = estimate[place + 3, lane] + bank[i, 3] * u
         c = estimate[place + 2, lane] + t * estimate[place + 3, lane] + bank[i, 2] * u
         b = estimate[place + 1, lane] + t * (estimate[place + 2, lane] + t / 2.0 * estimate[place + 3, lane])

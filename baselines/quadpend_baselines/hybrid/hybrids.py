@@ -170,7 +170,7 @@ class EstimateOnly(Hybrid):
     def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
-        known = base.predicted_observation(observation, updated) if isinstance(base, OutputFeedback) else observation
+        known = base.predicted_observation(updated) if isinstance(base, OutputFeedback) else observation
         disturbance, situation = base.estimated_disturbance(updated), None
         observed: list[Any] = [known, disturbance]
         if self.situation:
@@ -201,7 +201,7 @@ class _Correction(Hybrid):
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
         estimates_state = isinstance(base, OutputFeedback)
-        estimated = base.estimated_observation(observation, updated) if estimates_state else observation.copy()
+        estimated = base.estimated_observation(updated) if estimates_state else observation.copy()
         disturbance = base.estimated_disturbance(updated)
         tilt = np.linalg.norm(read_observation(estimated, "direction")[:, :2], axis=1) / _TILT
         score = np.maximum(np.linalg.norm(Disturbance(disturbance).torque, axis=1) / _TORQUE, tilt)

@@ -41,8 +41,8 @@ from quadpend_baselines.modelling.quantities import (
     Forces,
     Vec2,
     VehicleState,
-    load_derivatives,
     load_forces,
+    load_reference,
     load_state,
     store_forces,
     store_state,
@@ -55,7 +55,7 @@ from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, axpy, load, load_four, scale, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, axpy, load_four, scale, store_four
 from quadpend_gym.vehicles import Drag, Pole, Vehicle
 
 
@@ -164,13 +164,10 @@ def body_command(
 
 
 @compiled
-def _follow(
-    reference: Floats, yaw: Floats, disturbance: Floats, packed: Floats, state: Floats, command: Floats
-) -> None:
+def _follow(reference: Floats, disturbance: Floats, packed: Floats, state: Floats, command: Floats) -> None:
     model = unpack_pendulum(packed)
     for row in range(state.shape[0]):
-        wanted = load_derivatives(reference[row], load(yaw.T, 0, row))
-        desired, feedforward = follow(wanted, load_forces(disturbance.T, 0, row), model)
+        desired, feedforward = follow(load_reference(reference.T, 0, row), load_forces(disturbance.T, 0, row), model)
         store_state(state.T, 0, row, desired)
         store_four(command.T, 0, row, feedforward)
 
@@ -271,9 +268,8 @@ class EquivalentModel:
             for the Euler angles (N·m), shape (n, 4); `body_command` converts them.
         """
         rows = len(reference)
-        state, command = np.empty((rows, STATE_SIZE)), np.empty((rows, 4))
-        given = np.ascontiguousarray(reference), np.ascontiguousarray(yaw_reference)
-        _follow(*given, np.ascontiguousarray(disturbance), self.packed, state, command)
+        state, command, given = np.empty((rows, STATE_SIZE)), np.empty((rows, 4)), reference.reshape(rows, -1)
+        _follow(np.hstack([given, yaw_reference]), np.ascontiguousarray(disturbance), self.packed, state, command)
         return state, command
 
     def body_command(self, state: Floats, command: Floats, disturbance: Floats) -> Floats:

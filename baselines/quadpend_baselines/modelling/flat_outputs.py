@@ -141,17 +141,10 @@ def tangent_from_attitude(euler: Vec3, rate: Vec3) -> Pair:
 def state_and_command(
     trajectory: FlatTrajectory, yaw: Vec3, torque: Vec3, p: Parameters, length: float
 ) -> tuple[VehicleState, Four]:
-    """Return the state and the command at the start of a trajectory.
+    """Return the state and the command at the start of a trajectory, for ψ_d, ψ̇_d, ψ̈_d and d_τ.
 
-    Args:
-        trajectory: The trajectory.
-        yaw: ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s².
-        torque: d_τ, N·m.
-        p: Parameters of the equations.
-        length: Distance of the bob from the quadrotor, m, from which the position of the quadrotor follows.
-
-    Returns:
-        The state, with position and velocity relative to the reference, and thrust (N) and torques (N·m).
+    Position and velocity of the state are relative to the reference. They follow from those of the bob at the distance
+    `length` from the quadrotor.
     """
     x, y = product(trajectory.pendulum.x, trajectory.vertical), product(trajectory.pendulum.y, trajectory.vertical)
     roll, pitch = attitude_from_tangent(trajectory.tangent, Series(yaw.x, yaw.y, yaw.z / 2.0, 0.0, 0.0))

@@ -33,16 +33,7 @@ def _body_rate_acceleration(euler: Vec3, rate: Vec3, acceleration: Vec3) -> Vec3
 def body_torques(
     state: VehicleState, acceleration: Vec3, thrust: float, forces: Forces, physics: Parameters, rigid: RigidSettings
 ) -> Vec3:
-    """Return the torques about the body's axes that make the Euler-angle accelerations, N·m.
-
-    Args:
-        state: The state.
-        acceleration: φ̈, θ̈, ψ̈, rad/s².
-        thrust: Thrust, N.
-        forces: d_Q (N), d_B (N) and d_τ (N·m).
-        physics: Nominal parameters of the rigid vehicle.
-        rigid: Settings of the rigid vehicle.
-    """
+    """Return the torques about the body's axes (N·m) that make the accelerations φ̈, θ̈, ψ̈ of the Euler angles."""
     body = rigid_physics(physics, rigid.correlation, rigid.pivot, rigid.shape)
     force, bob_force, euler, rate = forces.force, forces.bob_force, state.euler, state.euler_rate
     relative = axpy(1.0 / physics.quadrotor_mass, force, scale(-1.0 / physics.bob_mass, bob_force))

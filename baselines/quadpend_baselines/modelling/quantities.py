@@ -101,26 +101,23 @@ def store_forces(lanes: Any, first: int, lane: int, forces: Forces) -> None:
 
 
 @inlined
-def load_derivatives(reference: Any, yaw: Vec3) -> Derivatives:
-    """Return the reference in an array of shape (5, 3) or more rows, with the yaw."""
+def load_reference(lanes: Any, first: int, lane: int) -> Derivatives:
+    """Return the reference in the 18 fields from `first`: its derivatives by order, and the yaw."""
     return Derivatives(
-        Vec3(reference[0, 0], reference[0, 1], reference[0, 2]),
-        Vec3(reference[1, 0], reference[1, 1], reference[1, 2]),
-        Vec3(reference[2, 0], reference[2, 1], reference[2, 2]),
-        Vec3(reference[3, 0], reference[3, 1], reference[3, 2]),
-        Vec3(reference[4, 0], reference[4, 1], reference[4, 2]),
-        yaw,
+        load(lanes, first, lane),
+        load(lanes, first + 3, lane),
+        load(lanes, first + 6, lane),
+        load(lanes, first + 9, lane),
+        load(lanes, first + 12, lane),
+        load(lanes, first + 15, lane),
     )
 
 
 @inlined
 def store_reference(lanes: Any, first: int, lane: int, reference: Derivatives) -> None:
-    """Write the 15 derivatives of a reference into the fields from `first`, by order."""
-    store(lanes, first, lane, reference.d2)
-    store(lanes, first + 3, lane, reference.d3)
-    store(lanes, first + 6, lane, reference.d4)
-    store(lanes, first + 9, lane, reference.d5)
-    store(lanes, first + 12, lane, reference.d6)
+    """Write a reference into the 18 fields from `first`."""
+    for i in range(6):
+        store(lanes, first + 3 * i, lane, reference[i])
 
 
 @inlined

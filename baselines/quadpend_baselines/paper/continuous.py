@@ -95,7 +95,7 @@ class ContinuousLoop:
             references[:: 2 * every],
             commands,
             disturbance[:: 2 * every],
-            self.policy.estimated_disturbance(adrc.AdrcMemory(np.ascontiguousarray(loops[:, STATE_SIZE:]))),
+            self.policy.estimated_disturbance(np.ascontiguousarray(loops[:, STATE_SIZE:])),
         )
 
     def _advance(self, loop: Floats, references: Floats, disturbances: Floats, h: float) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.controllers.adrc import ACTION, ADRC, COMMAND
 from quadpend_baselines.paper.continuous import ContinuousLoop, Trajectory
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
@@ -87,7 +87,7 @@ def simulate_sampled(gains: str, period: float, duration: float = DURATION) -> T
         estimate = policy.estimated_disturbance(memory)[0]
         observation, _, terminated, _, _ = env.step(action)
         if i % every == 0:
-            records.append((i * period, state, memory.command[0], estimate))
+            records.append((i * period, state, memory[0, COMMAND:ACTION], estimate))
         if terminated:
             break
     times, states, commands, estimates = (np.array(part) for part in zip(*records, strict=True))

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import deviation, riccati
-from quadpend_baselines.estimation.prediction import Measurement, law_inputs
+from quadpend_baselines.estimation.estimator import Estimate, law_inputs
 from quadpend_baselines.gains import GAINS, DualModeGains
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import model_state
@@ -38,11 +38,11 @@ def command_of(gains: DualModeGains, state: Floats, disturbance: Floats = CALM) 
     return run_law(DualMode(gains, SIMULATION), state, wind=disturbance, reference=HOVER_AT_2_M)[0]
 
 
-def deviations(measurement: Measurement, disturbance: Floats) -> tuple[Floats, Floats]:
+def deviations(measurement: Estimate, disturbance: Floats) -> tuple[Floats, Floats]:
     """Return x − x_d of the linear model, shape (n, 16), and u_d, shape (n, 4), of true states."""
     array, found = true_estimate(measurement, disturbance).array, []
     for row in range(len(array)):
-        inputs = law_inputs(array, measurement, row)
+        inputs = law_inputs(array, row)
         x, command = deviation(*inputs, equivalent_model(SIMULATION).numbers, None)
         found.append((model_state(x, 0.0, 1.0), command))
     x, command = zip(*found, strict=True)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.estimator import Measurement
+from quadpend_baselines.estimation.estimator import Estimate
 from quadpend_baselines.gains import FlatnessGains
 from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE, STATE_COLUMNS
 from quadpend_gym import PAPER, Constant, QuadPendulumVectorEnv, Reference, Simulation
@@ -99,7 +99,7 @@ def test_circles_are_tracked_to_micrometres() -> None:
         simulation, error = Simulation(period=period), [0.0]
         start, _ = flat_state_and_command(CIRCLE, 0.0, CALM, PAPER)
 
-        def record(measurement: Measurement, *_: object, error: list[float] = error) -> None:
+        def record(measurement: Estimate, *_: object, error: list[float] = error) -> None:
             error.append(tracking_distance(measurement, PAPER.rod_length)[0])
 
         law = Flatness(GAINS, simulation)

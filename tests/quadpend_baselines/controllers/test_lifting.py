@@ -7,12 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_baselines.controllers.dual_mode import DualMode, dual_mode
-from quadpend_baselines.controllers.dual_mode import unpack_numbers as unpack_dual_mode
+from quadpend_baselines.controllers.dual_mode import unpack_gains as unpack_dual_mode
 from quadpend_baselines.controllers.flatness import Flatness, flatness, unpack_gains
 from quadpend_baselines.controllers.lqr import Lqr, lqr
 from quadpend_baselines.controllers.lqr import unpack_numbers as unpack_lqr
 from quadpend_baselines.controllers.vehicle_gains import gains_for
-from quadpend_baselines.estimation.prediction import Measurement
+from quadpend_baselines.estimation.estimator import LOOP, Estimate
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.quantities import Derivatives, Forces, VehicleState
 from quadpend_gym import Simulation
@@ -53,8 +53,7 @@ def test_a_law_in_casadi_is_the_compiled_one(law: str, name: str) -> None:
         integral = Vec3(*ca.vertsplit(memory))
         command, _ = lift(lqr)(inputs[0], inputs[2], integral, packed[0], unpack_lqr(packed[1]), model, rigid)
     else:
-        numbers = packed[1], packed[2], unpack_dual_mode(packed[3])
-        command = lift(dual_mode)(*inputs, unpack_gains(packed[0]), *numbers, model, rigid)
+        command = lift(dual_mode)(*inputs, unpack_dual_mode(packed[0]), *packed[1:4], model, rigid)
     function = ca.Function("law", [state, wind, reference, memory], [vector(command)])
 
     states, winds = 0.1 * rng.normal(size=(ROWS, 18)), 0.01 * rng.normal(size=(ROWS, 9))
@@ -62,10 +61,11 @@ def test_a_law_in_casadi_is_the_compiled_one(law: str, name: str) -> None:
     s.direction[:, 2] = 1.0
     s.direction[:] /= np.linalg.norm(s.direction, axis=1, keepdims=True)
     orders, yaws = 0.1 * rng.normal(size=(ROWS, 5, 3)), 0.1 * rng.normal(size=(ROWS, 3))
-    measurement = Measurement(states, orders, yaws)
+    measurement = Estimate(np.zeros((ROWS, LOOP)))
+    measurement.state[:], measurement.reference[:], measurement.yaw[:] = states, orders, yaws
     memories: Any = 0.01 * rng.normal(size=(ROWS, 3))
     given = memories if law == "lqi" else ()
-    expected, _ = controller.command(true_estimate(measurement, winds), measurement, given)
+    expected, _ = controller.command(true_estimate(measurement, winds), given)
     references = np.hstack([orders.reshape(ROWS, -1), yaws])
     for row in range(ROWS):
         found = np.array(function(states[row], winds[row], references[row], memories[row])).ravel()

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from quadpend_baselines.controllers.lqr import Lqr, model, output_matrix, riccati, weights
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.estimator import Measurement
+from quadpend_baselines.estimation.estimator import Estimate
 from quadpend_baselines.gains import GAINS, LqrGains
 from quadpend_baselines.modelling.linear_model import (
     DISTURBANCE_COLUMNS,
@@ -63,7 +63,7 @@ def test_simulated_cost_of_the_kernel_is_that_of_the_cost_matrix_up_to_its_nonli
 
     sizes, cost = np.array([0.01, 0.005]), np.zeros(4)
 
-    def add_cost(measurement: Measurement, command: Floats, memory: object) -> None:
+    def add_cost(measurement: Estimate, command: Floats, memory: object) -> None:
         x_k, effort = measurement.state[:, STATE_COLUMNS], command - [PAPER.hover_thrust, 0.0, 0.0, 0.0]
         cost[:] += 0.5 * (np.sum(x_k @ Q * x_k, axis=1) + np.sum(effort @ R * effort, axis=1))
 

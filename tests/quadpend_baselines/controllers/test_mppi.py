@@ -7,9 +7,9 @@ import pytest
 
 from quadpend_baselines.controllers.lqr import riccati, weights
 from quadpend_baselines.controllers.mppi import Mppi
+from quadpend_baselines.controllers.reference_horizon import reference_horizon
 from quadpend_baselines.gains import LqrGains, MppiGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
-from quadpend_baselines.modelling.reference_horizon import reference_horizon
 from quadpend_gym import PAPER, Parameters, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_FIELDS, State
@@ -86,7 +86,7 @@ def test_cost_of_a_sample_is_that_of_its_simulation(reference: Reference) -> Non
     samples *= 0.1 * Simulation().command_scale
     measurement = measurement_of(state, reference)
     estimate = true_estimate(measurement, WIND)
-    horizon = reference_horizon(estimate, measurement, law.simulation, law.horizon_simulation.period, 15)
+    horizon = reference_horizon(estimate, law.simulation, law.horizon_simulation.period, 15)
     costs = law.costs(estimate, horizon, samples)
     for row in range(3):
         for i in range(5):

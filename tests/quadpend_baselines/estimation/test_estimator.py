@@ -1,7 +1,6 @@
 """Estimator: exact in calm air, convergence to constant disturbances, Kalman gain, symmetry, and bounded estimates."""
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +12,8 @@ from quadpend_baselines.estimation import estimator
 from quadpend_baselines.estimation.estimator import (
     Estimate,
     Estimator,
-    Measurement,
     measurement_from_observation,
-    observation_from_state,
+    observation_of,
 )
 from quadpend_baselines.gains import GAINS, EstimatorGains, FlatnessGains
 from quadpend_baselines.modelling.linear_model import (
@@ -29,8 +27,7 @@ from quadpend_baselines.modelling.linear_model import (
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import PAPER, Parameters, Reference, Simulation, StartSettings, Task
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import STATE_SIZE, State
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
+from quadpend_gym.physics.state import State
 from tests.helpers.controllers import (
     CALM,
     disturbance_of,
@@ -55,7 +52,7 @@ CIRCLE = Reference(
 )
 WIND = disturbance_of((0.3, -0.2, 0.4), (0.08, -0.05, 0.0), (0.1, -0.05, 0.03))
 
-Recording = list[tuple[Measurement, Floats]]
+Recording = list[tuple[Estimate, Floats]]
 
 
 @lru_cache(maxsize=16)
@@ -74,12 +71,13 @@ def record(reference: Reference, wind: tuple[float, ...], p: Parameters = PAPER,
     return recording
 
 
-def without_rates(measurement: Measurement) -> Measurement:
+def without_rates(measurement: Estimate) -> Estimate:
     """Return the measurement without rates."""
-    state = State(measurement.state.copy())
+    out = Estimate(measurement.array.copy())
+    state = State(out.state)
     for rate in (state.velocity, state.euler_rate, state.direction_rate):
         rate[:] = np.nan
-    return measurement._replace(state=state.array)
+    return out
 
 
 def estimates(recording: Recording, gains: EstimatorGains, has_rates: bool, p: Parameters = PAPER) -> list[Estimate]:
@@ -148,14 +146,8 @@ def test_rates_that_are_not_measured_begin_with_those_of_a_start_on_the_referenc
     assert_allclose(State(estimate.state).direction_rate, start.direction_rate, atol=1e-5)
 
 
-@pytest.mark.parametrize("columns", [slice(None), OUTPUT_FEEDBACK_COLUMNS], ids=["all states", "outputs"])
-def test_observation_from_state_inverts_measurement_from_observation(columns: Any) -> None:
-    """For any yaw reference, with and without velocities in the measured observation."""
-    rng, rod = np.random.default_rng(0), PAPER.rod_length
-    state, measured = rng.normal(size=(200, STATE_SIZE)), rng.normal(size=(200, 36)).astype(np.float32)[:, columns]
-    State(state).direction[:] /= np.linalg.norm(State(state).direction, axis=1, keepdims=True)
-    observation = observation_from_state(state, measured, rod)
-    again = measurement_from_observation(observation, rod)
-    assert_allclose(again.state, state, atol=3e-6)
-    assert_array_equal(again.reference, measurement_from_observation(measured, rod).reference)
-    assert_array_equal(again.yaw_reference, measurement_from_observation(measured, rod).yaw_reference)
+def test_observation_of_an_estimate_inverts_measurement_from_observation() -> None:
+    observation = np.random.default_rng(0).normal(size=(200, 36)).astype(np.float32)
+    measured = measurement_from_observation(observation, PAPER.rod_length)
+    assert_allclose(observation_of(measured, PAPER.rod_length), observation, atol=3e-6)
+    assert_array_equal(observation_of(measured, PAPER.rod_length)[:, 18:], observation[:, 18:])

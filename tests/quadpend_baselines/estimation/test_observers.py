@@ -39,13 +39,13 @@ def test_prediction_is_exact_for_a_constant_input(driven: int) -> None:
     estimate = start.reshape(4, 1).copy()
     for step in range(1, 50):
         true = chain(step * period) @ start + known_input * input_gain(driven, step * period)
-        update_observers(estimate, 0, 0, (known_input,), (true[0],), bank, period)
+        update_observers(estimate, 0, (known_input,), (known_input,), (true[0],), bank, period)
         np.testing.assert_allclose(estimate[:, 0], true, rtol=1e-7, atol=1e-7)
 
 
 def _last_correction(gains: ObserverGains, error: float) -> float:
     estimate = np.zeros((4, 1))
-    update_observers(estimate, 0, 0, (0.0,), (error,), design_observers([(ESO_INPUT, gains)], 0.01), 0.01)
+    update_observers(estimate, 0, (0.0,), (0.0,), (error,), design_observers([(ESO_INPUT, gains)], 0.01), 0.01)
     return float(estimate[3, 0])
 
 

@@ -43,7 +43,7 @@ def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(n
     policy: Any = controller(name)
     action, known = policy.predict(observation)
     estimates_state = isinstance(policy, OutputFeedback)
-    state = policy.estimated_observation(observation, known) if estimates_state else observation
+    state = policy.estimated_observation(known) if estimates_state else observation
     disturbance = policy.estimated_disturbance(known)
     near = np.full(state.shape[1], 1.0)
     near[: state.shape[1] - 18] = 10.0

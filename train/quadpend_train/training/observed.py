@@ -17,8 +17,7 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.estimator import Estimator, correct, gain_table, measure
-from quadpend_baselines.estimation.prediction import (
+from quadpend_baselines.estimation.estimator import (
     AGE,
     BUFFER_SIZE,
     DISTURBANCE,
@@ -27,10 +26,14 @@ from quadpend_baselines.estimation.prediction import (
     REFERENCE,
     RIGID_PART,
     STATE,
-    Part,
+    YAW,
+    Estimator,
     advance,
     carry_forward,
-    unpack_plant,
+    correct,
+    gain_table,
+    measure,
+    unpack_loop,
 )
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares, new_share
 from quadpend_baselines.modelling.quantities import bob_offset, load_state
@@ -123,8 +126,8 @@ def observation_step(observer: Observer) -> Any:
 def _estimated(observer: Observer, observed: Any, point: Any, action: Any) -> tuple[Any, Any, Any, list[Any]]:
     """Return belief, sensing, the next belief, and the parts of the observation, for an observation `observed`."""
     estimator: Any = observer.estimator
-    mass_share, (parts, actuators, plant), rigid = estimator.numbers
-    settings = lift(unpack_plant)(plant), None if rigid is None else lift(unpack_rigid)(rigid)
+    mass_share, packed_loop, packed_rigid = estimator.numbers
+    loop, rigid = lift(unpack_loop)(packed_loop), None if packed_rigid is None else lift(unpack_rigid)(packed_rigid)
     rod_length, used = estimator.simulation.parameters.rod_length, _gains(observer).used
     before, squares_size = SITUATION_SIZE + DISTURBANCE_SIZE if observer.situation else 0, SITUATION_SIZE
     belief = ca.SX.sym("belief", before + estimator.size)
@@ -133,17 +136,17 @@ def _estimated(observer: Observer, observed: Any, point: Any, action: Any) -> tu
     gain[used] = ca.vertsplit(sensing[int(observer.situation) :])
     memory, buffer, chosen = columns(belief[before:]), columns([], BUFFER_SIZE), Four(*ca.vertsplit(action))
     measured, reference = lift(measure)(columns(observed), 0, observer.has_rates, rod_length)
-    lift(advance)(memory, 0, chosen, Part(*parts[0]), actuators[0], *settings, buffer)
-    has_rates = observer.has_rates
-    lift(correct)(memory, 0, measured, has_rates, reference, gain, mass_share, *settings, buffer)
+    lift(advance)(memory, 0, chosen, 0, loop, rigid, buffer)
+    p, has_rates = loop.plant.pendulum.vehicle, observer.has_rates
+    lift(correct)(memory, 0, measured, has_rates, reference, gain, mass_share, p, rigid, buffer)
     disturbance = vector(memory[DISTURBANCE:REFERENCE])
     disturbance[FORCE + 2] -= (memory[MASS_RATIO, 0] - 1.0) * estimator.simulation.parameters.hover_thrust
-    later, yaw = memory.copy(), reference.yaw
-    if len(parts) > 1:
-        yaw = lift(carry_forward)(later, 0, chosen, yaw, parts, actuators, *settings, buffer)
+    later = memory.copy()
+    if len(loop.parts) > 1:
+        lift(carry_forward)(later, 0, chosen, loop, rigid, buffer)
     state = lift(load_state)(later, STATE, 0)
     errors = lift(bob_offset)(state, rod_length)
-    attitude = state.euler.x, state.euler.y, state.euler.z - yaw.x
+    attitude = state.euler.x, state.euler.y, state.euler.z - later[YAW, 0]
     fields = vector((*errors, state.direction, state.direction_rate, attitude, state.euler_rate))
     seen = [fields / OBSERVATION_SCALE[:REFERENCE_START], ca.SX(OBSERVATION_SIZE - REFERENCE_START, 1), disturbance]
     if not observer.situation:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.estimation.prediction import Estimate, Measurement
+from quadpend_baselines.estimation.estimator import Estimate
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
@@ -22,28 +22,26 @@ class Horizon(NamedTuple):
     frame_displacement: Floats
 
 
-def reference_horizon(
-    estimate: Estimate, measurement: Measurement, simulation: Simulation, period: float, periods: int
-) -> Horizon:
-    """Return the measured reference over `periods` periods (s) of a horizon.
+def reference_horizon(estimate: Estimate, simulation: Simulation, period: float, periods: int) -> Horizon:
+    """Return the reference of an estimate over `periods` periods (s) of a horizon.
 
     States and commands follow it under the estimated disturbance, which is taken as constant.
     """
-    steps, rows = periods + 1, len(measurement.state)
+    steps, rows = periods + 1, len(estimate.array)
     time = period * np.arange(steps)
-    derivatives = np.moveaxis(measurement.reference, 1, 0)
+    derivatives = np.moveaxis(estimate.reference, 1, 0)
     future = np.zeros((steps, *derivatives.shape))
     for order in range(len(derivatives)):
         for power in range(len(derivatives) - order):
             factor = time**power / factorial(power)
             future[:, order] += factor[:, np.newaxis, np.newaxis] * derivatives[order + power]
-    yaw, rate, acceleration = measurement.yaw_reference.T
+    yaw, rate, acceleration = estimate.yaw.T
     t = time[:, np.newaxis]
     yaws = np.stack(
         np.broadcast_arrays(yaw + t * rate + t**2 / 2 * acceleration, rate + t * acceleration, acceleration), -1
     )
     disturbances = np.tile(estimate.disturbance, (steps, 1))
-    orders = np.moveaxis(future, 2, 1).reshape(-1, *measurement.reference.shape[1:])
+    orders = np.moveaxis(future, 2, 1).reshape(-1, *estimate.reference.shape[1:])
     state, command = equivalent_model(simulation).trajectory(orders, yaws.reshape(-1, 3), disturbances)
     displacement = [
         sum(period ** (i + order) / factorial(i + order) * future[:-1, i] for i in range(len(derivatives)))
