@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines.modelling import linear_model
-from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE
+from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE, STATE_COLUMNS
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
@@ -18,7 +18,6 @@ from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, THRUST_AXIS, inte
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     DIRECTION,
-    DIRECTION_RATE,
     DISTURBANCE_SIZE,
     EULER,
     POSITION,
@@ -28,39 +27,31 @@ from quadpend_gym.physics.state import (
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 MAX_SAMPLES = 64  # sampled trajectories of a row
-# First fields in x of `linear_model`; roll, pitch, yaw and their rates are consecutive in x and in the state.
-_X_POSITION, _X_VELOCITY = linear_model.POSITION.start, linear_model.VELOCITY.start
-_X_EULER, _X_ANGLES_SIZE = linear_model.EULER.start, linear_model.EULER_RATE.stop - linear_model.EULER.start
-_X_PENDULUM, _X_PENDULUM_RATE = linear_model.PENDULUM.start, linear_model.PENDULUM_RATE.start
 # Ends of the parts of one buffer. For parts of one buffer, the compiler can prove that they do not overlap.
 _STATE_END, _DEVIATION_END, _COMMAND_END, _CHANGE_END, _DISTURBANCE_END, _PARAMETERS_END, _END = accumulate(
     (LANE_STATE_SIZE, MODEL_STATE_SIZE, COMMAND_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE, 1)
+)
+# First columns of the vectors in x of `linear_model` that turn with the heading.
+_TURNED = tuple(
+    part.start
+    for part in (linear_model.POSITION, linear_model.VELOCITY, linear_model.PENDULUM, linear_model.PENDULUM_RATE)
 )
 BARRIER = 1e4  # cost per squared violation of the bounds below
 MIN_PENDULUM_COSINE, MIN_BODY_COSINE = 0.6, 0.3  # bounds of the cosines of the tilt of pendulum and body
 
 
 @inlined
-def _rotated_deviation(state: Any, lane: int, field: int, reference: Any, column: int, out: Any) -> None:
-    """Write the horizontal deviation of one vector, in the axes of the heading, into two fields of `out`."""
-    sine, cosine = sincos(state[EULER + 2, lane])
-    x, y = state[field, lane] - reference[column], state[field + 1, lane] - reference[column + 1]
-    out[column, lane] = cosine * x + sine * y
-    out[column + 1, lane] = cosine * y - sine * x
-
-
-@inlined
 def _deviation(state: Any, lanes: int, reference: Any, out: Any) -> None:
     """Write x − x_d in the axes of the heading, laid out as in `linear_model`, shape (16, lanes)."""
+    for field in range(MODEL_STATE_SIZE):
+        for lane in range(lanes):
+            out[field, lane] = state[STATE_COLUMNS[field], lane] - reference[field]
     for lane in range(lanes):
-        _rotated_deviation(state, lane, POSITION, reference, _X_POSITION, out)
-        _rotated_deviation(state, lane, VELOCITY, reference, _X_VELOCITY, out)
-        _rotated_deviation(state, lane, DIRECTION, reference, _X_PENDULUM, out)
-        _rotated_deviation(state, lane, DIRECTION_RATE, reference, _X_PENDULUM_RATE, out)
-        out[_X_POSITION + 2, lane] = state[POSITION + 2, lane] - reference[_X_POSITION + 2]
-        out[_X_VELOCITY + 2, lane] = state[VELOCITY + 2, lane] - reference[_X_VELOCITY + 2]
-        for i in range(_X_ANGLES_SIZE):
-            out[_X_EULER + i, lane] = state[EULER + i, lane] - reference[_X_EULER + i]
+        sine, cosine = sincos(state[EULER + 2, lane])
+        for field in _TURNED:
+            x, y = out[field, lane], out[field + 1, lane]
+            out[field, lane] = cosine * x + sine * y
+            out[field + 1, lane] = cosine * y - sine * x
 
 
 @inlined
@@ -74,61 +65,24 @@ def _add_quadratic(matrix: Any, x: Any, lanes: int, cost: Any) -> None:
                     cost[lane] += weight * x[a, lane] * x[b, lane]
 
 
-@inlined
-def _unlimited_command(
-    deviation: Any, gain: Any, reference: Any, samples: Any, position: float, lanes: int, command: Any, change: Any
-) -> None:
-    """Write the command of equation (1) of `mppi` before saturation, and its difference from u_d.
-
-    `position` is the time as a multiple of the knot spacing.
-    """
-    knot = int(position)
-    fraction = position - knot
-    for c in range(COMMAND_SIZE):
-        for lane in range(lanes):
-            change[c, lane] = (1.0 - fraction) * samples[knot, c, lane] + fraction * samples[knot + 1, c, lane]
-        for a in range(MODEL_STATE_SIZE):
-            for lane in range(lanes):
-                change[c, lane] -= gain[c, a] * deviation[a, lane]
-        for lane in range(lanes):
-            command[c, lane] = reference[c] + change[c, lane]
-
-
 @compiled
 def costs(
-    state: Floats,
-    disturbance: Floats,
-    parameters: Floats,
-    reference_state: Floats,
-    reference_command: Floats,
-    frame_displacement: Floats,
-    samples: Floats,
-    gain: Floats,
-    state_weight: Floats,
-    command_weight: Floats,
-    terminal_weight: Floats,
-    limits: Floats,
-    period: float,
-    substeps: int,
+    state: Floats,  # initial states, position and velocity relative to the reference, shape (n, 18)
+    disturbance: Floats,  # constant disturbance, N and N·m, shape (n, 9)
+    parameters: Floats,  # physical parameters of the nominal plant, shape (9,)
+    reference_state: Floats,  # x_d, shape (H + 1, n, 16)
+    reference_command: Floats,  # u_d, N and N·m, shape (H + 1, n, 4)
+    frame_displacement: Floats,  # see `controllers.reference_horizon.Horizon`, shape (H, 2, n, 3)
+    samples: Floats,  # δᵏ at the knots, N and N·m, shape (n, knots, 4, samples)
+    gain: Floats,  # K, shape (4, 16)
+    state_weight: Floats,  # Q, shape (16, 16)
+    command_weight: Floats,  # R, shape (4, 4)
+    terminal_weight: Floats,  # P, shape (16, 16)
+    limits: Floats,  # lowest and highest command, N and N·m, shape (2, 4)
+    period: float,  # of the horizon, s
+    substeps: int,  # integration steps of a period
 ) -> Floats:
-    """Return J of equation (2) of `mppi` for every sample, shape (n, samples).
-
-    Args:
-        state: Initial states, position and velocity relative to the reference, shape (n, 18).
-        disturbance: Constant disturbance, N and N·m, shape (n, 9).
-        parameters: Physical parameters of the nominal plant, shape (9,).
-        reference_state: x_d, shape (H + 1, n, 16).
-        reference_command: u_d, N and N·m, shape (H + 1, n, 4).
-        frame_displacement: See `controllers.reference_horizon.Horizon`, shape (H, 2, n, 3).
-        samples: δᵏ at the knots, N and N·m, shape (n, knots, 4, samples).
-        gain: K, shape (4, 16).
-        state_weight: Q, shape (16, 16).
-        command_weight: R, shape (4, 4).
-        terminal_weight: P, shape (16, 16).
-        limits: Lowest and highest command, N and N·m, shape (2, 4).
-        period: Period of the horizon, s.
-        substeps: Integration steps of a period.
-    """
+    """Return J of equation (2) of `mppi` for every sample, shape (n, samples)."""
     rows, knots, _, lanes = samples.shape
     steps = frame_displacement.shape[0]
     out = np.empty((rows, lanes))
@@ -147,14 +101,21 @@ def costs(
             lane_disturbance[field] = disturbance[row, field]
         for step in range(steps):
             _deviation(lane_state, lanes, reference_state[step, row], deviation)
-            position = step * (knots - 1) / steps
-            _unlimited_command(
-                deviation, gain, reference_command[step, row], samples[row], position, lanes, command, change
-            )
+            position = step * (knots - 1) / steps  # time as a multiple of the knot spacing
+            knot = int(position)
+            share = position - knot
             for c in range(COMMAND_SIZE):
+                nominal = reference_command[step, row, c]
                 for lane in range(lanes):
-                    command[c, lane] = min(max(command[c, lane], limits[0, c]), limits[1, c])
-                    change[c, lane] = command[c, lane] - reference_command[step, row, c]
+                    change[c, lane] = (1.0 - share) * samples[row, knot, c, lane] + share * samples[
+                        row, knot + 1, c, lane
+                    ]
+                for a in range(MODEL_STATE_SIZE):
+                    for lane in range(lanes):
+                        change[c, lane] -= gain[c, a] * deviation[a, lane]
+                for lane in range(lanes):
+                    command[c, lane] = min(max(nominal + change[c, lane], limits[0, c]), limits[1, c])
+                    change[c, lane] = command[c, lane] - nominal
             _add_quadratic(state_weight, deviation, lanes, cost)
             _add_quadratic(command_weight, change, lanes, cost)
             integrate(lane_state, command, lane_disturbance, physics, lanes, period, substeps)
@@ -168,6 +129,5 @@ def costs(
                 cost[lane] += BARRIER * (pendulum * pendulum + body * body)
         _deviation(lane_state, lanes, reference_state[steps, row], deviation)
         _add_quadratic(terminal_weight, deviation, lanes, cost)
-        for lane in range(lanes):
-            out[row, lane] = cost[lane]
+        out[row] = cost[:lanes]
     return out
