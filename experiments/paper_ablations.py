@@ -137,7 +137,8 @@ def simulate(case: Case, steps: int = STEPS, settling: int = STEPS // 2) -> dict
     for index, step in enumerate(rollout(case.controller(case.gains, simulation), env, SEED, options)):
         duration[step.active] += simulation.period
         torques.append(step.memory[step.active, COMMAND + 1 : COMMAND + 3] ** 2)
-        errors[index, step.continuing] = step.tracking_error[step.continuing]
+        going = step.active & ~(step.terminated | step.truncated)
+        errors[index, going] = step.tracking_error[going]
         survived |= step.survived
     settled = errors[settling:-1, survived]
     steady = isinstance(case.wind, Constant) and survived.any()

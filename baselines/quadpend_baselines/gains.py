@@ -10,7 +10,6 @@ hand. ``quadpend_train.search.tuning.SEARCH_SPACES`` lists the gains that it var
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -187,13 +186,7 @@ KINDS: dict[str, type] = {
     "swing-up": SwingUpGains,
 }
 _NO_GAINS = ("like", "vehicle", "search", "description")  # keys of the tables in the file
-UNPREDICTED = "-unpredicted"  # end of the names of controllers that do not know the delays and lags of the loop
 _DATA = read_toml(Path(__file__).with_suffix(".toml"))
-
-
-def without_prediction(gains: Any) -> Any:
-    """Return gains whose estimator does not predict through known delays and lags."""
-    return replace(gains, estimator=replace(gains.estimator, predicts=False))
 
 
 def _table(group: str, name: str) -> dict[str, Any]:
@@ -220,9 +213,8 @@ def _searches(group: str) -> dict[str, Search]:
 GAINS, HANGING_GAINS = _read("paper"), _read("hanging")
 RIGID_GAINS = {name: (gains, _table("rigid", name)["vehicle"]) for name, gains in _read("rigid").items()}
 DESCRIPTIONS = {name: table["description"] for name, table in _DATA["paper"].items()}
+UNPREDICTED = "-unpredicted"  # end of the names of controllers that do not know the delays and lags of the loop
 for _name in ("flatness", "lqr"):
-    for _gains in (GAINS, HANGING_GAINS):
-        _gains[_name + UNPREDICTED] = without_prediction(_gains[_name])
     DESCRIPTIONS[_name + UNPREDICTED] = f"{_name}, without the prediction through known delays and lags"
 # The searches; gains without an entry are the paper's, set by hand, or derived from those of another controller.
 TUNED, HANGING_TUNED = _searches("paper"), _searches("hanging")

@@ -29,7 +29,9 @@ _FACTORIES: dict[type, Callable[[Any, Simulation | None], Controller]] = {
     gains.NmpcGains: partial(OutputFeedback, Nmpc),
     gains.SwingUpGains: SwingUp,
 }
-CONTROLLER_FACTORIES = {name: _FACTORIES[type(own)] for name, own in gains.GAINS.items()}
+CONTROLLER_FACTORIES = {
+    name: _FACTORIES[type(gains.GAINS[name.removesuffix(gains.UNPREDICTED)])] for name in gains.DESCRIPTIONS
+}
 CONTROLLERS = tuple(CONTROLLER_FACTORIES)
 
 

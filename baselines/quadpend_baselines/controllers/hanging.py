@@ -17,8 +17,6 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SIZE, OUTPUT_FEEDBACK_FIELDS
 
-_MIRRORED = ("direction", "direction_rate")
-
 
 def mirror_simulation(simulation: Simulation) -> Simulation:
     """Return a simulation of the paper's vehicle with the rod length −l, for the design of control laws only."""
@@ -29,16 +27,6 @@ def mirror_simulation(simulation: Simulation) -> Simulation:
     return replace(simulation, pendulum="hanging")
 
 
-def mirror_observation(observation: Floats32) -> Floats32:
-    """Return observations, shape (..., 36) or (..., 27), with −r and −ṙ in place of r and ṙ."""
-    out = np.array(observation, np.float32)
-    fields = OBSERVATION_FIELDS if out.shape[-1] == OBSERVATION_SIZE else OUTPUT_FEEDBACK_FIELDS
-    for name in _MIRRORED:
-        if name in fields:
-            out[..., fields[name]] *= -1.0
-    return out
-
-
 class Hanging(PolicyWrapper):
     """A controller that is designed for a simulation of `mirror_simulation`, for a hanging pendulum."""
 
@@ -46,4 +34,8 @@ class Hanging(PolicyWrapper):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
         """Return action and memory; see `Policy.predict`."""
-        return self.policy.predict(mirror_observation(observation), state, episode_start, deterministic)
+        mirrored = np.array(observation, np.float32)
+        fields = OBSERVATION_FIELDS if mirrored.shape[-1] == OBSERVATION_SIZE else OUTPUT_FEEDBACK_FIELDS
+        for name in fields.keys() & {"direction", "direction_rate"}:
+            mirrored[..., fields[name]] *= -1.0
+        return self.policy.predict(mirrored, state, episode_start, deterministic)

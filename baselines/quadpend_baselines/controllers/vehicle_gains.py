@@ -29,7 +29,6 @@ from quadpend_baselines.gains import (
     MppiGains,
     NmpcGains,
     ObserverGains,
-    without_prediction,
 )
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Parameters, Simulation
@@ -82,18 +81,19 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
 
 @lru_cache(maxsize=256)
 def gains_for(name: str, simulation: Simulation) -> Any:
-    """Return the gains of a controller, a key of `GAINS`, for a nominal simulation.
+    """Return the gains of a controller, a key of `DESCRIPTIONS`, for a nominal simulation.
 
     Simulations without a rigid vehicle have the gains `GAINS`, and those with a negative rod length, see
     `controllers.hanging`, have `HANGING_GAINS`. Others have `RIGID_GAINS`, scaled from the vehicle for which these were
     tuned.
     """
+    if name.endswith(UNPREDICTED):
+        gains = gains_for(name.removesuffix(UNPREDICTED), simulation)
+        return replace(gains, estimator=replace(gains.estimator, predicts=False))
     if simulation.parameters.rod_length < 0.0:
         return HANGING_GAINS.get(name, GAINS[name])
     if not isinstance(plant_of(simulation), RigidPlant):
         return GAINS[name]
-    tuned = name.removesuffix(UNPREDICTED)
-    gains, vehicle = RIGID_GAINS.get(tuned, (GAINS[tuned], None))
+    gains, vehicle = RIGID_GAINS.get(name, (GAINS[name], None))
     tuned_for = equivalent_model(Simulation(as_vehicle(vehicle)))
-    scaled = scale_gains(gains, tuned_for.parameters, equivalent_model(simulation).parameters)
-    return scaled if tuned == name else without_prediction(scaled)
+    return scale_gains(gains, tuned_for.parameters, equivalent_model(simulation).parameters)

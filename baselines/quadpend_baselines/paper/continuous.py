@@ -53,12 +53,9 @@ class Trajectory:
 
 
 class ContinuousLoop:
-    """Plant, observers and control law as one differential equation.
+    """Plant, observers and control law of `policy` as one differential equation; its sampling period has no effect.
 
     The state of the loop is that of the plant, shape (18,), followed by those of the m observers, shape (4 m,).
-
-    Args:
-        policy: The controller whose gains and control law are used; its sampling period has no effect.
     """
 
     def __init__(self, policy: ADRC) -> None:
@@ -99,11 +96,7 @@ class ContinuousLoop:
         )
 
     def _advance(self, loop: Floats, references: Floats, disturbances: Floats, h: float) -> Floats:
-        """Return the loop one Runge–Kutta step of h (s) later.
-
-        The inputs are those at the start, the middle and the end of the step. After the step, r is normalised and ṙ is
-        projected onto the plane perpendicular to r.
-        """
+        """Return the loop one step of h (s) later, from inputs at its start, middle and end; |r| = 1 and r·ṙ = 0."""
         k1 = self._rate(loop, references[0], disturbances[0])
         k2 = self._rate(loop + 0.5 * h * k1, references[1], disturbances[1])
         k3 = self._rate(loop + 0.5 * h * k2, references[1], disturbances[1])

@@ -27,22 +27,14 @@ class RolloutStep(NamedTuple):
         """Sub-environments whose first episode reaches its time limit with this step, shape (n,)."""
         return self.active & self.truncated & ~self.terminated
 
-    @property
-    def continuing(self) -> Booleans:
-        """Sub-environments whose first episode continues after this step, shape (n,)."""
-        return self.active & ~(self.truncated | self.terminated)
-
 
 def rollout(
     policy: Policy, env: VectorEnv[Any, Any, Any], seed: int | list[int], options: dict[str, Any] | None = None
 ) -> Iterator[RolloutStep]:
     """Run the first episode of every sub-environment and yield its steps, until all have ended.
 
-    Args:
-        policy: Any object with the `predict` method of `Policy`; it is called with ``deterministic=True``.
-        env: Vector environment with same-step autoreset.
-        seed: Seed of the first sub-environment, whose successors get consecutive seeds; or the seed of each one.
-        options: Options of the reset.
+    `env` has same-step autoreset. `seed` is that of the first sub-environment, whose successors get consecutive seeds,
+    or that of each one.
     """
     observation, _ = env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # Gymnasium also accepts a list
     active, started, memory = np.ones(env.num_envs, np.bool_), np.ones(env.num_envs, np.bool_), None
@@ -54,6 +46,5 @@ def rollout(
         if started.any():  # after a same-step autoreset, `info` describes the next episode
             final = info["final_info"]
             error[started], tilt[started] = final["tracking_error"][started], final["tilt"][started]
-        step = RolloutStep(active, action, memory, reward, error, tilt, terminated, truncated)
-        yield step
-        active = step.continuing
+        yield RolloutStep(active, action, memory, reward, error, tilt, terminated, truncated)
+        active = active & ~started

@@ -12,15 +12,10 @@ from quadpend_gym.scenarios import Scenario
 
 
 class RotorAllocation(PolicyWrapper):
-    """Wrap a policy for an environment whose actions are the thrusts of four rotors.
+    """Wrap a policy that commands thrust and torques for an environment whose actions are the thrusts of four rotors.
 
     The inverse of the rotors' mixing matrix converts thrust and torques into rotor thrusts. Each is clipped to its
     range; the policy is not informed that thrust and torques then differ from those that it commands.
-
-    Args:
-        policy: A policy whose actions are thrust and torques.
-        rotors: The rotors of the environment; None: the default rotors.
-        simulation: The simulation of the environment; None: the default simulation.
     """
 
     def __init__(self, policy: Policy, rotors: Rotors | None = None, simulation: Simulation | None = None) -> None:

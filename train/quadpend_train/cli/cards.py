@@ -10,7 +10,9 @@ import pandas as pd
 import tyro
 
 from quadpend_baselines import CONTROLLERS
-from quadpend_baselines.gains import DESCRIPTIONS, GAINS, TUNED
+from quadpend_baselines.controllers.vehicle_gains import gains_for
+from quadpend_baselines.gains import DESCRIPTIONS, TUNED
+from quadpend_gym import Simulation
 from quadpend_train.policies.loading import load_policy, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import TrainSettings, settings_of_card, to_mapping
@@ -42,7 +44,7 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
 
 def _controller(name: str) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the data and the lines about a classical controller."""
-    data: dict[str, Any] = {"description": DESCRIPTIONS[name], "gains": asdict(GAINS[name])}
+    data: dict[str, Any] = {"description": DESCRIPTIONS[name], "gains": asdict(gains_for(name, Simulation()))}
     lines = {"description": DESCRIPTIONS[name], "gains": _pairs(_flat(data["gains"]))}
     if tuned := TUNED.get(name):
         data["tuning"] = tuned._asdict()
