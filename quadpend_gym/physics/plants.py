@@ -37,13 +37,10 @@ class EulerPlant:
     Attributes:
         memory_size: Numbers k of a vehicle besides its state; for rigid vehicles quaternion, body rate and rotor
             thrusts, see `quadpend_gym.physics.rigid_kernel`.
-        torque_in_world: Whether the torque of a disturbance is a vector of the world frame; else it is about the φ, θ
-            and ψ axes.
         settings: Numbers of a rigid vehicle for compiled functions; empty for the paper's vehicle.
     """
 
     memory_size = 0
-    torque_in_world = False
     settings: tuple[()] | RigidSettings = ()
 
     def __init__(self, simulation: Simulation) -> None:
@@ -112,7 +109,6 @@ class RigidPlant(EulerPlant):
     """A rigid body with rotors, a loop on board, and one of the command interfaces."""
 
     memory_size = RIGID_SIZE
-    torque_in_world = True
 
     def __init__(self, simulation: Simulation) -> None:
         super().__init__(simulation)

@@ -117,14 +117,6 @@ def hover_thrusts(vehicle: Vehicle) -> Floats:
     return np.asarray(np.linalg.solve(mixing(vehicle), hover_wrench(vehicle.parameters, vehicle.pivot)))
 
 
-def scaled_inertia(vehicle: Vehicle, parameters: Parameters) -> Floats:
-    """Return the inertia of a vehicle with the moments of inertia in `parameters`, kg·m², shape (3, 3)."""
-    inertia = vehicle.inertia_matrix
-    moments = [parameters.inertia_roll, parameters.inertia_pitch, parameters.inertia_yaw]
-    factors = np.sqrt(np.array(moments) / np.diag(inertia))
-    return np.asarray(inertia * np.outer(factors, factors))
-
-
 def torque_limits(vehicle: Vehicle) -> tuple[float, float]:
     """Return the torques at an action of ±1 of the interface "wrench": (roll and pitch, yaw), N·m.
 

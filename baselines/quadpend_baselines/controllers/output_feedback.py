@@ -48,7 +48,6 @@ class OutputFeedback(Controller):
         loop: The known delays and lags of the loop; None: there are none.
 
     Attributes:
-        predicted_loop: The part of the loop through which the controller predicts, with whole periods of the latency.
         has_bandwidth_scale: Whether the `command` method of the control law takes a `bandwidth_scale`.
     """
 
@@ -65,7 +64,6 @@ class OutputFeedback(Controller):
         self._law = make_law(self.gains, self.simulation)
         self.has_linear_model = not isinstance(self._law, Mppi | Nmpc)
         self.estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
-        self.predicted_loop = self.estimator.prediction.loop
         self.has_bandwidth_scale = isinstance(self._law, Flatness)
         self.flies_load = isinstance(self._law, Flatness | Lqr | DualMode | Mppi)  # those that were tested with a load
 

@@ -43,7 +43,6 @@ STATE_COLUMNS = np.r_[0 : DIRECTION + 2, DIRECTION_RATE : DIRECTION_RATE + 2]
 MODEL_STATE_SIZE = STATE_COLUMNS.size
 POSITION, VELOCITY, EULER, EULER_RATE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 PENDULUM, PENDULUM_RATE = slice(12, 14), slice(14, 16)  # r_x r_y, ṙ_x ṙ_y
-HORIZONTAL_POSITION = slice(0, 2)
 # d: the vertical force on the bob is left out of the disturbance.
 DISTURBANCE_COLUMNS = np.r_[FORCE : FORCE + 3, BOB_FORCE : BOB_FORCE + 2, TORQUE : TORQUE + 3]
 MODEL_DISTURBANCE_SIZE = DISTURBANCE_COLUMNS.size

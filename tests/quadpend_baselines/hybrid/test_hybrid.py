@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
+from quadpend_baselines.controllers.adrc import COMMAND
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
@@ -99,7 +100,8 @@ def test_residual_is_scaled_added_and_clipped(name: str) -> None:
         action, memory = HybridPolicy(ResidualAction(name, scale), constant(*residual)).predict(observation)
         assert_allclose(action, np.clip(base_action + scale * np.float32(residual), -1.0, 1.0), atol=1e-6)
         known = memory.controller
-        command = to_command(known.action, Simulation()) if hasattr(known, "action") else known.command
+        adrc = isinstance(known, np.ndarray)
+        command = known[:, COMMAND : COMMAND + 4] if adrc else to_command(known.action, Simulation())
         size = Simulation().command_scale
         assert_allclose(command, size * (action + np.eye(4)[0]), rtol=1e-6)
 

@@ -32,7 +32,7 @@ def test_writing_into_a_view_writes_into_the_array(view: type[Any], fields: Mapp
     assert_array_equal(array, np.tile(np.repeat(np.arange(1, size // 3 + 1), 3), (2, 1)))
 
 
-def test_each_parameter_has_its_position_in_the_array_as_a_constant() -> None:
+def test_parameters_of_compiled_functions_have_their_positions_in_the_array() -> None:
     array = Parameters(*np.arange(1.0, parameters.PARAMETERS_SIZE + 1)).as_array()
-    for number, name in enumerate(parameters.PARAMETER_NAMES, start=1):
+    for number, name in enumerate(parameters.PARAMETER_NAMES[:3], start=1):
         assert array[getattr(parameters, name.upper())] == number

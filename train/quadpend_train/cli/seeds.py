@@ -69,8 +69,8 @@ def _state(folder: Path, settings: TrainSettings, resume: bool) -> str:
     return "interrupted, continues from its last checkpoint"
 
 
-def summary(folders: Sequence[Path]) -> str:
-    """Return a line about each policy, and the command that compares them with a classical controller."""
+def summary(folders: Sequence[Path], given: Sequence[str]) -> str:
+    """Return a line about each policy, and the command that compares them in the scenarios that were `given`."""
     lines = []
     for path in (folder / POLICY for folder in folders):
         card = MlpPolicy.load(path).card
@@ -78,6 +78,6 @@ def summary(folders: Sequence[Path]) -> str:
             f"Trained policy: {path}\nIn its training scenarios it survives {card['score']['survival']:.1%} of the"
             f" episodes; penalised RMSE {1e3 * card['score']['penalised_rmse']:.1f} mm."
         )
-    scenarios = card["settings"]["scenarios"]
+    scenarios = given or card["settings"]["scenarios"]
     command = ["quadpend", "evaluate", "flatness", f"mine={','.join(map(str, folders))}", "--scenarios", *scenarios]
     return "\n".join([*lines, f"Compare with a classical controller: {shlex.join(command)}"])

@@ -119,7 +119,10 @@ def train(
                 " and no --out with it"
             )
         print(f"Loading the models in {resume} executes code that they contain: resume only runs that you trust.")
+    given: list[str] = []
     if vehicle or interface:
+        options = {"--vehicle": vehicle, "--interface": interface}
+        given = [*run.scenarios, *(part for name, value in options.items() if value for part in (name, value))]
         run = replace(run, scenarios=as_texts(named_scenarios(run.scenarios, vehicle, interface)))
     if seeds is not None:
         folders = train_seeds(run, seeds, resume or out, resume is not None, executor(jobs, cluster))
@@ -127,7 +130,7 @@ def train(
         folders = [training.resume(resume, run).parent]
     else:
         folders = [training.train(run, out).parent]
-    print(summary(folders))
+    print(summary(folders, given))
 
 
 def export(
