@@ -27,6 +27,7 @@ from quadpend_baselines.planning.transcription import Plant, Transcription, tran
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.envs.world import world_of
 from quadpend_gym.scenarios import SETS, Scenario, find_scenario
 from quadpend_train.common.executors import run
 from quadpend_train.common.files import write_text
@@ -73,7 +74,7 @@ def plan_episode(name: str, scenario: Scenario, seed: int) -> dict[str, Any]:
     begin, steps = time.process_time(), scenario.steps
     longer = scenario.make_vec(1, AutoresetMode.SAME_STEP, max_episode_steps=steps + 1)
     env = scenario.make_vec(1, AutoresetMode.SAME_STEP)
-    world: Any = env.unwrapped.world  # type: ignore[attr-defined]
+    world = world_of(env)
     policy = controller(FIRST_GUESS).adapt(scenario)
     episode, guess = known_episode(longer, seed, steps), record_flight(policy, longer, seed, steps)
     problem = transcription(plant_of(scenario), world.task.limits, steps)

@@ -19,6 +19,7 @@ from experiments.recovery import settling_times
 from experiments.robustness import draw_axis
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.envs.world import world_of
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.tasks.trajectories import Reference
@@ -100,7 +101,7 @@ def feasible_shares(acceleration: float, episodes: int, seed: int) -> Feasible:
     scenario = ACCELERATION.scenario(acceleration)
     env = scenario.make_vec(episodes, AutoresetMode.DISABLED)
     env.reset(seed=seed)
-    references = env.unwrapped.world.reference  # type: ignore[attr-defined]
+    references = world_of(env).reference
     scale = scenario.simulation.command_scale
     time = np.linspace(0.0, scenario.duration, 500)
     commands = np.array([feedforward_command(reference, time, scenario) for reference in references])

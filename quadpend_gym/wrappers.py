@@ -38,24 +38,15 @@ from gymnasium.vector.utils import batch_space
 from quadpend_gym.actuators import as_actuators
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.envs.spaces import observation_space
-from quadpend_gym.envs.world import World
+from quadpend_gym.envs.world import world_of
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.scenarios.scenario import wind_models
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
 
-AnyEnv = gym.Env[Any, Any] | VectorEnv[Any, Any, Any]
 
-
-def _world(env: AnyEnv) -> World:
-    world = getattr(env.unwrapped, "world", None)
-    if not isinstance(world, World):
-        raise TypeError(f"env must be a QuadPendulum environment, wrapped or not, not {env}")
-    return world
-
-
-def _add_wind(env: AnyEnv, wind: Any) -> None:
-    world = _world(env)
+def _add_wind(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], wind: Any) -> None:
+    world = world_of(env)
     world.add_wind(wind_models(wind, world.simulation))
 
 
@@ -85,7 +76,7 @@ class SensorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def __init__(self, env: gym.Env[Any, Any], sensors: Any) -> None:
         RecordConstructorArgs.__init__(self, sensors=sensors)
         gym.Wrapper.__init__(self, env)
-        _world(env).add_sensors(as_sensors(sensors))
+        world_of(env).add_sensors(as_sensors(sensors))
 
 
 class VectorSensorWrapper(VectorWrapper):
@@ -93,7 +84,7 @@ class VectorSensorWrapper(VectorWrapper):
 
     def __init__(self, env: VectorEnv[Any, Any, Any], sensors: Any) -> None:
         VectorWrapper.__init__(self, env)
-        _world(env).add_sensors(as_sensors(sensors))
+        world_of(env).add_sensors(as_sensors(sensors))
 
 
 class ActuatorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -105,7 +96,7 @@ class ActuatorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def __init__(self, env: gym.Env[Any, Any], actuators: Any) -> None:
         RecordConstructorArgs.__init__(self, actuators=actuators)
         gym.Wrapper.__init__(self, env)
-        _world(env).add_actuators(as_actuators(actuators))
+        world_of(env).add_actuators(as_actuators(actuators))
 
 
 class VectorActuatorWrapper(VectorWrapper):
@@ -113,7 +104,7 @@ class VectorActuatorWrapper(VectorWrapper):
 
     def __init__(self, env: VectorEnv[Any, Any, Any], actuators: Any) -> None:
         VectorWrapper.__init__(self, env)
-        _world(env).add_actuators(as_actuators(actuators))
+        world_of(env).add_actuators(as_actuators(actuators))
 
 
 class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -122,7 +113,7 @@ class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def __init__(self, env: gym.Env[Any, Any], ranges: Any) -> None:
         RecordConstructorArgs.__init__(self, ranges=ranges)
         gym.Wrapper.__init__(self, env)
-        _world(env).draw_parameters(as_ranges(ranges))
+        world_of(env).draw_parameters(as_ranges(ranges))
 
 
 class VectorParameterWrapper(VectorWrapper):
@@ -130,7 +121,7 @@ class VectorParameterWrapper(VectorWrapper):
 
     def __init__(self, env: VectorEnv[Any, Any, Any], ranges: Any) -> None:
         VectorWrapper.__init__(self, env)
-        _world(env).draw_parameters(as_ranges(ranges))
+        world_of(env).draw_parameters(as_ranges(ranges))
 
 
 def last_observations(observation: Floats32, info: dict[str, Any], ended: Booleans) -> Floats32:

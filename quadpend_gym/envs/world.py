@@ -15,8 +15,10 @@ from dataclasses import astuple
 from functools import partial
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
+from gymnasium.vector import VectorEnv
 
 from quadpend_gym.actuators import check_chain
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
@@ -337,3 +339,11 @@ class World:
         if clipped is action:
             raise_step_error(error, action, self.wind, "action")
         return self.step(clipped)
+
+
+def world_of(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> World:
+    """Return the simulation of the innermost environment."""
+    world = getattr(env.unwrapped, "world", None)
+    if not isinstance(world, World):
+        raise TypeError(f"env must be a QuadPendulum environment, wrapped or not, not {env}")
+    return world

@@ -14,6 +14,7 @@ from quadpend_baselines.policy.protocol import replace_rows
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.envs.inputs import check_action, clip_rounding
 from quadpend_gym.envs.spaces import observation_space
+from quadpend_gym.envs.world import world_of
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_gym.wrappers import last_observations, replace_final_observations
@@ -33,7 +34,7 @@ class VectorHybridWrapper(VectorWrapper):
 
     def __init__(self, env: VectorEnv[Any, Any, Any], hybrid: Hybrid | Mapping[str, Any], loop: Loop | None = None):
         super().__init__(env)
-        space, world = env.single_observation_space, env.unwrapped.world  # type: ignore[attr-defined]
+        space, world = env.single_observation_space, world_of(env)
         if space.shape not in ((OBSERVATION_SIZE,), (OUTPUT_FEEDBACK_SIZE,)):
             raise ValueError(
                 f"a hybrid takes observations of {OBSERVATION_SIZE} or {OUTPUT_FEEDBACK_SIZE} numbers, not of {space}:"

@@ -12,6 +12,7 @@ from gymnasium.vector import VectorEnv
 from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.envs.outcome import TRACKING_ERROR
+from quadpend_gym.envs.world import world_of
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 
@@ -44,7 +45,7 @@ def tracked_point(state: Floats, parameters: Floats) -> Floats:
 def known_episode(env: AnyVectorEnv, seed: int, steps: int) -> KnownEpisode:
     """Return the episode that a seed draws in a vector environment with one sub-environment, for N control steps."""
     env.reset(seed=seed)
-    world: Any = env.unwrapped.world  # type: ignore[attr-defined]
+    world = world_of(env)
     start, parameters = world.state[0].copy(), world.parameters[0].copy()
     hover, wind, target = np.zeros((1, ACTION_SIZE), np.float32), [], []
     for _ in range(steps):
@@ -57,7 +58,7 @@ def known_episode(env: AnyVectorEnv, seed: int, steps: int) -> KnownEpisode:
 def record_flight(policy: Policy, env: AnyVectorEnv, seed: int, steps: int) -> Flight:
     """Return the flight of a policy in one sub-environment whose episodes are longer than `steps`."""
     observation, _ = env.reset(seed=seed)
-    world: Any = env.unwrapped.world  # type: ignore[attr-defined]
+    world = world_of(env)
     states, actions, memory, start = [world.state[0].copy()], [], None, np.ones(1, np.bool_)
     for _ in range(steps):
         action, memory = policy.predict(observation, memory, start)
