@@ -54,6 +54,14 @@ class ActionDelay(ZeroInitialized):
         delay(action, step, memory, self.steps)
 
 
+def lag_shares(ratio: float) -> tuple[float, float]:
+    """Return which shares of y − a a first-order lag leaves in the mean of y over a period, and at its end.
+
+    y is the lagged action at the beginning of the period, a the action, and `ratio` the period over the time constant.
+    """
+    return float(-np.expm1(-ratio) / ratio), float(np.exp(-ratio))
+
+
 @ACTUATORS.add
 @settings
 class MotorLag(ZeroInitialized):
@@ -69,10 +77,10 @@ class MotorLag(ZeroInitialized):
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace the action by the mean of the lagged action over the period."""
-        ratio = simulation.period / self.time_constant
+        mean, left = lag_shares(simulation.period / self.time_constant)
         gap = memory - action
-        memory[:] = action + np.exp(-ratio) * gap
-        action += -np.expm1(-ratio) / ratio * gap
+        memory[:] = action + left * gap
+        action += mean * gap
 
 
 @ACTUATORS.add

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, Rotors
+from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, Rotors, lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.state import ACTION_SIZE
@@ -89,7 +89,8 @@ class Loop:
             ratio, factor = period / model.time_constant, 0.0
             if model.time_constant > FASTEST_LAG:
                 factor = np.expm1(-period / FASTEST_LAG) / np.expm1(-ratio)
-            rows.append((LAG, np.exp(-ratio), -np.expm1(-ratio) / ratio, factor))
+            mean, left = lag_shares(ratio)
+            rows.append((LAG, left, mean, factor))
         return np.array(rows).reshape(-1, 4)
 
 

@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 from quadpend_baselines.modelling.linear_model import EULER, EULER_RATE, MODEL_STATE_SIZE, STATE_COLUMNS
 from quadpend_baselines.policy.protocol import Policy, select_rows
 from quadpend_gym import Simulation, engines
-from quadpend_gym.actuators import ActionDelay, MotorLag, Rotors, mixing
+from quadpend_gym.actuators import ActionDelay, MotorLag, Rotors, lag_shares, mixing
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
@@ -104,8 +104,7 @@ def vehicle_model(scenario: Scenario) -> Any:
     names = _names(**{f"action_delay_{i + 1}": ACTION_SIZE for i in range(steps)})
     for model in scenario.actuators:
         if isinstance(model, MotorLag):
-            ratio = period / model.time_constant
-            left, mean = np.exp(-ratio), -np.expm1(-ratio) / ratio
+            mean, left = lag_shares(period / model.time_constant)
             actuators = control.ss(left * one, (1.0 - left) * one, mean * one, (1.0 - mean) * one, period) * actuators
             names += _names(lag=ACTION_SIZE)
         elif isinstance(model, Rotors):

@@ -24,6 +24,7 @@ import numpy as np
 
 from quadpend_baselines.planning.episode import Flight, KnownEpisode, tracked_point
 from quadpend_gym import Simulation
+from quadpend_gym.actuators import lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import initial_memory, lift, step_function
 from quadpend_gym.physics.dynamics import thrust_axis
@@ -94,8 +95,8 @@ class Plant(NamedTuple):
 
 def _lagged(action: Any, memory: Any, ratio: float) -> tuple[Any, Any]:
     """Return the mean action after a lag and its memory y after the period; `ratio` is period over time constant."""
-    gap = memory - action
-    return action - np.expm1(-ratio) / ratio * gap, action + np.exp(-ratio) * gap
+    (mean, left), gap = lag_shares(ratio), memory - action
+    return action + mean * gap, action + left * gap
 
 
 class Solution(NamedTuple):

@@ -25,7 +25,7 @@ from torch import Tensor
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_gym import engines
-from quadpend_gym.actuators import ActionDelay, MotorLag
+from quadpend_gym.actuators import ActionDelay, MotorLag, lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import CompiledFunction, columns, lift
 from quadpend_gym.engines.functions import POINT_SIZE
@@ -102,8 +102,8 @@ def control_step(kind: Kind) -> Any:
             under_way = ca.vertcat(memory, action)
             action, memory = under_way[:ACTION_SIZE], under_way[ACTION_SIZE:]
         else:
-            ratio, gap = kind.simulation.period / model.time_constant, memory - action
-            action, memory = action - math.expm1(-ratio) / ratio * gap, action + math.exp(-ratio) * gap
+            (mean, left), gap = lag_shares(kind.simulation.period / model.time_constant), memory - action
+            action, memory = action + mean * gap, action + left * gap
         remembered.append(memory)
     after = step(flight[:STATE_SIZE], flight[STATE_SIZE:vehicle_size], action, wind, parameters)
     return ca.Function("control_step", arguments, [ca.vertcat(*after, *remembered)], names, ["next_flight"])
