@@ -20,7 +20,7 @@ from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 MEMORY_STATE = slice(0, STATE_SIZE)
 MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE)
 MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
-MEMORY_TRAJECTORY = MEMORY_REFERENCE.stop  # `PackedTrajectories.first`
+MEMORY_TRAJECTORY = MEMORY_REFERENCE.stop  # `TrajectoryTable.first`
 MEMORY_ACTION = slice(MEMORY_TRAJECTORY + 1, MEMORY_TRAJECTORY + 1 + ACTION_SIZE)  # the last action
 MEMORY_SIZE = MEMORY_ACTION.stop
 # The row of a rigid vehicle is longer: quaternion, body rate and rotor thrusts (`rigid_kernel`).

@@ -19,9 +19,12 @@ from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-# Libraries of `docs/use-with.md` that the extras do not install, and a module that only the full installation has
-OPTIONAL = {"minari": "h5py", "ray": "ray.rllib"}
-LINEAR_LOOP = "quadpend_baselines.modelling.linear_loop"  # needs the extra `control`
+# Modules on the pages, and the packages that they need and that the extras of the tests do not install
+OPTIONAL = {
+    "minari": ("minari", "h5py"),
+    "ray": ("ray", "ray.rllib"),
+    "quadpend_baselines.modelling.linear_loop": ("control",),
+}
 BRIEF = {
     r"total_timesteps=[\d_]+": "total_timesteps=64",
     r"learning_starts=[\d_]+": "learning_starts=32",
@@ -60,11 +63,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize("block", blocks("python"))
 def test_python_on_every_page_runs(block: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     modules = [node.module or "" for node in ast.walk(ast.parse(block)) if isinstance(node, ast.ImportFrom)]
-    if LINEAR_LOOP in modules:
-        pytest.importorskip("control")
-    for package in {name.split(".")[0] for name in modules} & set(OPTIONAL):
-        if importlib.util.find_spec(package) is None or importlib.util.find_spec(OPTIONAL[package]) is None:
-            pytest.skip(f"{package} is not installed")
+    for needed, packages in OPTIONAL.items():
+        if any(f"{name}.".startswith(f"{needed}.") for name in modules):
+            for package in packages:
+                if importlib.util.find_spec(package) is None:
+                    pytest.skip(f"{package} is not installed")
     for long, brief in BRIEF.items():
         block = re.sub(long, brief, block)
     for name in IDS if "duration=" not in block else ():

@@ -595,7 +595,7 @@ class Estimator:
     @cached_property
     def _tables(self) -> tuple[Floats, Floats]:
         """The gains without and with measured rates."""
-        return tuple(gain_table(self.gains, self.simulation, has_rates) for has_rates in (False, True))  # type: ignore[return-value]
+        return gain_table(self.gains, self.simulation, False), gain_table(self.gains, self.simulation, True)
 
     def observe(
         self,

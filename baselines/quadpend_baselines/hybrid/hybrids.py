@@ -139,7 +139,8 @@ class Hybrid:
         if isinstance(self.controller, OutputFeedback) and not self._base_acts_first:
             zeros = np.zeros((len(observation), ACTION_SIZE), np.float32)
             return zeros, self.controller.update(observation, last, started)
-        return self.controller.predict(observation, last, started)  # type: ignore[no-any-return]
+        action, after = self.controller.predict(observation, last, started)
+        return action, after
 
     def _applied(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the applied action, and the memory of an observer that knows it."""

@@ -58,7 +58,8 @@ def update_situation(
 def mean_squares(innovation: Floats, disturbance: Floats, change: Floats) -> Floats:
     """Return v̄² of equation (1), shape (n, 12)."""
     parts = [innovation / _INNOVATION, disturbance, change / _CHANGE]
-    return (np.concatenate(parts, axis=1) ** 2).reshape(len(innovation), SITUATION_SIZE, 3).mean(axis=2)  # type: ignore[no-any-return]
+    squares: Floats = np.concatenate(parts, axis=1) ** 2
+    return np.asarray(squares.reshape(len(innovation), SITUATION_SIZE, 3).mean(axis=2))
 
 
 def new_share(steps: Floats, period: float) -> Floats:

@@ -76,12 +76,8 @@ def load_state(lanes: Any, first: int, lane: int) -> VehicleState:
 @inlined
 def store_state(lanes: Any, first: int, lane: int, state: VehicleState) -> None:
     """Write a state into the 18 fields from `first`."""
-    store(lanes, first + POSITION, lane, state.position)
-    store(lanes, first + VELOCITY, lane, state.velocity)
-    store(lanes, first + EULER, lane, state.euler)
-    store(lanes, first + EULER_RATE, lane, state.euler_rate)
-    store(lanes, first + DIRECTION, lane, state.direction)
-    store(lanes, first + DIRECTION_RATE, lane, state.direction_rate)
+    for i in range(6):
+        store(lanes, first + 3 * i, lane, state[i])
 
 
 @inlined
@@ -95,9 +91,8 @@ def load_forces(lanes: Any, first: int, lane: int) -> Forces:
 @inlined
 def store_forces(lanes: Any, first: int, lane: int, forces: Forces) -> None:
     """Write a disturbance into the nine fields from `first`."""
-    store(lanes, first + FORCE, lane, forces.force)
-    store(lanes, first + BOB_FORCE, lane, forces.bob_force)
-    store(lanes, first + TORQUE, lane, forces.torque)
+    for i in range(3):
+        store(lanes, first + 3 * i, lane, forces[i])
 
 
 @inlined
