@@ -112,6 +112,22 @@ def test_an_interrupted_command_ends_soon_and_leaves_nothing_behind(
     assert not list(Path().rglob("unfinished*"))
 
 
+def test_an_interruption_is_not_lost_in_a_callback_of_c() -> None:
+    """An exception cannot leave such a callback."""
+    program = """if True:
+        import ctypes, os, signal, sys, time
+        from quadpend_train.cli import main
+        callback = ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGTERM))
+        main._run = lambda arguments: (callback(), time.sleep(60.0))
+        sys.argv = ["quadpend"]
+        main.main()"""
+    begin = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50.0)
+    assert time.monotonic() - begin < SECONDS
+    assert done.returncode == 128 + signal.SIGTERM
+    assert done.stderr.strip() == "Interrupted: what is finished is saved, and the same command continues"
+
+
 @pytest.mark.usefixtures("folder")
 def test_a_killed_training_resumes_to_the_same_weights(capsys: pytest.CaptureFixture[str]) -> None:
     length = ["--total-timesteps", "16384", "--eval-freq", "4096"]

@@ -6,6 +6,7 @@ This module imports no library at module level, so that `quadpend --help` starts
 import os
 import signal
 import sys
+import threading
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -70,6 +71,7 @@ def main(arguments: list[str] | None = None) -> None:
     if arguments is None:
         for number in _SIGNALS:
             signal.signal(number, _interrupt)
+        sys.unraisablehook = _interrupt_again
     given = sys.argv[1:] if arguments is None else arguments
     command = [argument for argument in given if argument != _TRACEBACK]
     try:
@@ -98,6 +100,16 @@ def _interrupt(number: int, _: Any) -> None:
     signal.signal(number, signal.SIG_IGN)
     _received.append(number)
     raise KeyboardInterrupt
+
+
+def _interrupt_again(lost: Any) -> None:
+    """Repeat an interruption that came in a callback of C, such as numba's while it compiles, and was lost there."""
+    if not isinstance(lost.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+        return
+    number = _received.pop()
+    signal.signal(number, _interrupt)
+    threading.Timer(0.1, os.kill, (os.getpid(), number)).start()
 
 
 def _run(arguments: list[str]) -> None:
