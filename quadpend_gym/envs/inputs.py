@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.state import ACTION_SIZE
 
 NO_ERROR = -1
@@ -51,29 +51,26 @@ def raise_step_error(code: int, action: Floats32, wind: Floats, action_name: str
     )
 
 
-@inlined
+@compiled
 def find_error(action: Any, wind: Any, begin: int, end: int) -> int:
     """Return the error code of the first action that is not in [−1, 1], else of the first wind that is too large.
 
     Actions, shape (n, 4), and wind, shape (12, n), are checked in the sub-environments begin ≤ i < end.
     """
+    one, wrong = np.float32(1.0), False
     for row in range(begin, end):
         for component in range(ACTION_SIZE):
-            if not (abs(action[row, component]) <= 1.0):
-                return row
-    too_large = False
+            wrong |= not (abs(action[row, component]) <= one)
     for component in range(wind.shape[0]):
         for row in range(begin, end):
-            too_large |= not (abs(wind[component, row]) <= _LARGEST_WIND)
-    if too_large:  # find the sub-environment with a second loop, which the compiler cannot vectorise
+            wrong |= not (abs(wind[component, row]) <= _LARGEST_WIND)
+    if wrong:  # find the sub-environment with further loops, which the compiler cannot vectorise
+        for row in range(begin, end):
+            for component in range(ACTION_SIZE):
+                if not (abs(action[row, component]) <= one):
+                    return row
         for row in range(begin, end):
             for component in range(wind.shape[0]):
                 if not (abs(wind[component, row]) <= _LARGEST_WIND):
                     return -2 - row
     return NO_ERROR
-
-
-@compiled
-def check_inputs(action: Floats32, wind: Floats) -> int:
-    """As `find_error`, for calls from Python."""
-    return find_error(action, wind, 0, action.shape[0])

@@ -26,7 +26,7 @@ from quadpend_gym.core.delays import delay
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.packing import pack
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
-from quadpend_gym.envs.inputs import NO_ERROR, check_inputs, clip_rounding, raise_step_error
+from quadpend_gym.envs.inputs import NO_ERROR, clip_rounding, find_error, raise_step_error
 from quadpend_gym.envs.kernel_layout import (
     MEMORY_ACTION,
     MEMORY_PARAMETERS,
@@ -316,7 +316,7 @@ class World:
             raise ResetNeeded(f"{where}call reset before step")
         observation, outcome = np.empty(*self._observation_like), np.empty(self._outcome_shape)
         if self._checks_first:
-            error = check_inputs(action, self._columns[:WIND_SIZE])
+            error = find_error(action, self._columns[:WIND_SIZE], 0, self.num_envs)
             if error != NO_ERROR:
                 return self._step_clipped(error, action)
             action = self._actuate(action)
