@@ -52,24 +52,24 @@ def raise_step_error(code: int, action: Floats32, wind: Floats, action_name: str
 
 
 @compiled
-def find_error(action: Any, wind: Any, begin: int, end: int) -> int:
+def find_error(action: Any, wind: Any) -> int:
     """Return the error code of the first action that is not in [−1, 1], else of the first wind that is too large.
 
-    Actions, shape (n, 4), and wind, shape (12, n), are checked in the sub-environments begin ≤ i < end.
+    Actions have the shape (n, 4), and the wind has the shape (12, n).
     """
-    one, wrong = np.float32(1.0), False
-    for row in range(begin, end):
+    wrong = False
+    for row in range(action.shape[0]):
         for component in range(ACTION_SIZE):
-            wrong |= not (abs(action[row, component]) <= one)
+            wrong |= not (abs(action[row, component]) <= 1.0)
     for component in range(wind.shape[0]):
-        for row in range(begin, end):
+        for row in range(wind.shape[1]):
             wrong |= not (abs(wind[component, row]) <= _LARGEST_WIND)
     if wrong:  # find the sub-environment with further loops, which the compiler cannot vectorise
-        for row in range(begin, end):
+        for row in range(action.shape[0]):
             for component in range(ACTION_SIZE):
-                if not (abs(action[row, component]) <= one):
+                if not (abs(action[row, component]) <= 1.0):
                     return row
-        for row in range(begin, end):
+        for row in range(wind.shape[1]):
             for component in range(wind.shape[0]):
                 if not (abs(wind[component, row]) <= _LARGEST_WIND):
                     return -2 - row

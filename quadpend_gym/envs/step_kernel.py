@@ -131,9 +131,10 @@ def _step(
     `trajectories` is (numbers, first) or None; `rigid` is a `RigidStepSettings`, or None for the paper's vehicle.
     """
     wind, sensed = columns[:WIND_SIZE], columns[WIND_SIZE:]
-    error = find_error(action, wind, begin, end)
+    begin = max(begin, 0)  # tells the compiler that indices of sub-environments are not negative
+    error = find_error(action[begin:end], wind[:, begin:end])
     if error != NO_ERROR:
-        return error
+        return error + begin if error > NO_ERROR else error - begin
     state, parameters = memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS]
     reference, period, substeps = memory[:, layout.MEMORY_REFERENCE], task.period, task.substeps
     buffer = np.empty((_END, BLOCK))

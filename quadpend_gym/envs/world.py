@@ -316,7 +316,7 @@ class World:
             raise ResetNeeded(f"{where}call reset before step")
         observation, outcome = np.empty(*self._observation_like), np.empty(self._outcome_shape)
         if self._checks_first:
-            error = find_error(action, self._columns[:WIND_SIZE], 0, self.num_envs)
+            error = find_error(action, self._columns[:WIND_SIZE])
             if error != NO_ERROR:
                 return self._step_clipped(error, action)
             action = self._actuate(action)
