@@ -80,6 +80,8 @@ class CompiledFunction:
                 name = self.function.name_in(i)
                 raise ValueError(f"{name} must have {size} columns, not {array.shape[-1]}")
         count = max((len(array) for array in arrays if array.ndim == 2), default=1)
+        if any(array.ndim == 2 and len(array) != count for array in arrays):
+            raise ValueError(f"arguments must have {count} rows, or one dimension, not {[len(a) for a in arrays]} rows")
         results = [np.empty((count, size)) for size in self._outputs]
         pointers = (
             self._pointers[0](*(a.ctypes.data for a in arrays)),
@@ -91,8 +93,8 @@ class CompiledFunction:
 
 
 def _dense(function: Any) -> Any:
-    """Return a function whose results have all their zeros."""
-    arguments = function.sx_in()
+    """Return a function whose arguments and results have all their zeros."""
+    arguments = [ca.SX.sym(function.name_in(i), function.numel_in(i)) for i in range(function.n_in())]
     results = [ca.densify(result) for result in function.call(arguments)]
     # A name of its own: the loader would prefer functions of the same name in other libraries, such as step in libc.
     return ca.Function(_NAME, arguments, results, function.name_in(), function.name_out())
