@@ -237,7 +237,7 @@ def main() -> None:
     argparse.ArgumentParser(prog="python -m benchmarks.accuracy", description=__doc__).parse_args()
     energy, episode, largest = energy_drift(DRIFT_STEPS)
     drift = [
-        ["mean of |E|", f"{energy:.2g} J"],
+        [r"mean of \|E\|", f"{energy:.2g} J"],
         ["largest drift in an episode of 1000 steps", f"{episode:.1e} J"],
         [f"largest drift in {DRIFT_STEPS:,} steps", f"{largest:.1e} J"],
         ["drift for each step", f"{largest / DRIFT_STEPS:.1e} J"],

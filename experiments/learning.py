@@ -7,7 +7,6 @@ import numpy as np
 
 from experiments.pages import DOCS
 from experiments.results import LEARNED
-from quadpend_train.common.text import figure_text
 from quadpend_train.policies.loading import policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports import figures
@@ -21,7 +20,7 @@ def main() -> None:
     ((rmse,), (survival,)) = figures.add_axes(figure, 2, 1, sharex=True)
     for i, (name, curves) in enumerate(found.items()):
         for number, (_, seconds, survived, error) in enumerate(curve.T for curve in curves):
-            label = f"{figure_text(name)} ({len(curves)} seeds)" if number == 0 else None
+            label = f"{name} ({len(curves)} seeds)" if number == 0 else None
             rmse.plot(seconds / 60.0, 1e3 * error, color=figures.colour(i), linewidth=1.0, label=label)
             survival.plot(seconds / 60.0, 1e2 * survived, color=figures.colour(i), linewidth=1.0)
     values = np.concatenate([1e3 * curve[:, 3] for curves in found.values() for curve in curves])

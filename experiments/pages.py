@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from quadpend_train.common.files import write_text
-from quadpend_train.common.text import figure_text
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures
@@ -60,9 +59,9 @@ def interval_figure(rows: Mapping[str, Mapping[str, Interval]], label: str, log:
         values, low, high = np.array([row[name] for row in rows.values()]).T
         height = np.arange(len(rows)) + (i - 0.5 * (len(names) - 1)) * 0.7 / len(names)
         ends = [values - low, high - values]
-        style = {"fmt": "o", "markersize": 4, "color": figures.colour(i), "label": figure_text(name)}
+        style = {"fmt": "o", "markersize": 4, "color": figures.colour(i), "label": name}
         axis.errorbar(values, height, xerr=ends, **style)
-    axis.set_yticks(range(len(rows)), [figure_text(name) for name in rows])
+    axis.set_yticks(range(len(rows)), [*rows])
     axis.invert_yaxis()
     axis.set_xlabel(label)
     if log:

@@ -17,7 +17,6 @@ from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
 from quadpend_baselines.gains import TUNED
 from quadpend_gym.scenarios import SETS
 from quadpend_train.common.files import write_text
-from quadpend_train.common.text import markdown_text
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import format_number, markdown_table
@@ -82,7 +81,7 @@ def main() -> None:
         "provenance": made_by("results", given.episodes, given.seed),
         "tuning": tuning(),
         "leaderboard": tables.leaderboard_markdown(standings, bound.bound_row(planned, comparison, best)),
-        "pairwise": "\n".join(f"- {markdown_text(sentence)}" for sentence in sentences),
+        "pairwise": "\n".join(f"- {sentence}" for sentence in sentences),
         "matrix": matrix(comparison),
     }
     fill(DOCS / "results.md", parts)

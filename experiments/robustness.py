@@ -20,7 +20,6 @@ from experiments.pages import CACHE, DOCS, fill
 from experiments.perturbations import PERTURBATION_AXES, PerturbationAxis
 from experiments.recovery import CALM_HOVER, START_GRIDS, RecoveryMap, StartGrid, recovery_map
 from experiments.results import CLASSICAL, LEARNED
-from quadpend_train.common.text import figure_text
 from quadpend_train.evaluation.comparison import named_policies
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import markdown_table
@@ -177,7 +176,7 @@ def draw_maps(found: Robustness, name: str) -> Any:
         image = axis.imshow(np.ma.masked_invalid(time), cmap="viridis_r", vmin=0.0, vmax=LONGEST, **style)
         axis.locator_params(nbins=5)
         axis.set(xlabel=f"{grid.x.title} ({grid.x.unit})", ylabel=f"{grid.y.title} ({grid.y.unit})")
-        axis.set_title(f"{figure_text(policy)}: {found.maps[name, policy].recovered:.0f} %", fontsize=9)
+        axis.set_title(f"{policy}: {found.maps[name, policy].recovered:.0f} %", fontsize=9)
         axis.label_outer()
     for axis in axes.ravel()[len(found.policies) :]:
         axis.set_axis_off()

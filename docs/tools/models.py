@@ -31,7 +31,6 @@ from quadpend_gym.sensors import as_sensors
 from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, WIND_SIZE, as_wind
 from quadpend_train.common.files import atomic
-from quadpend_train.common.text import figure_text
 from quadpend_train.reports.figures import COLOURS
 
 _PERIOD = CONTROL_PERIOD
@@ -82,7 +81,7 @@ def draw(title: str, name: str, seconds: float, seed: int, path: Path) -> None:
     category, models = _find(name)
     figure = Figure(figsize=(9.0, 5.2 if category == "wind" else 3.4), layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(figure_text(title.replace("_", " ")), fontsize=11)
+    figure.suptitle(title.replace("_", " "), fontsize=11)
     _DRAW[category](figure, models, seconds, seed)
     with atomic(path) as unfinished:
         figure.savefig(unfinished, dpi=80)

@@ -56,9 +56,10 @@ from quadpend_baselines.estimation.chains import (
     VALUE,
     YAW,
     AdrcMeasurement,
+    attitude_accelerations,
     chains_of_state,
-    euler_accelerations,
     measurement_of_state,
+    of_both_axes,
     read_measurement,
     state_from_chains,
     tilt_rate_of,
@@ -94,14 +95,15 @@ from quadpend_baselines.modelling.equivalent import (
 )
 from quadpend_baselines.modelling.quantities import (
     Forces,
-    Vec2,
     VehicleState,
     calm,
+    divide,
     load_state,
+    minus,
     store_forces,
     store_reference,
     store_state,
-    turn,
+    turn3,
 )
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
 from quadpend_gym import Simulation
@@ -112,7 +114,7 @@ from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, dot, load_four, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, load_four, scale, store_four
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
     OUTPUT_FEEDBACK_COLUMNS,
@@ -152,10 +154,10 @@ unpack_numbers = unpacker(AdrcNumbers)
 
 
 @inlined
-def fourth_derivative(m: AdrcMeasurement, model: Pendulum) -> Vec2:
+def fourth_derivative(m: AdrcMeasurement, model: Pendulum) -> Vec3:
     """Return F₅ of equation (1), m/s⁴."""
     factor = (1.0 - model.pivot_share) * model.physics.gravity * chain_stiffness(model.physics)
-    return Vec2(factor * (m.pendulum.x - m.tilt.x), factor * (m.pendulum.y - m.tilt.y))
+    return scale(factor, minus(m.pendulum, m.tilt))
 
 
 @inlined
@@ -171,27 +173,17 @@ def _limited_thrust_gain(m: AdrcMeasurement, model: Pendulum) -> float:
 
 
 @inlined
-def _acceleration(m: AdrcMeasurement, model: Pendulum) -> Vec2:
+def _acceleration(m: AdrcMeasurement, model: Pendulum) -> Vec3:
     """Return g r_xy − F̈_d of equation (6), m/s²."""
-    sigma, g, d2 = sigma_of(m.pendulum, m.tilt, model), model.physics.gravity, m.reference.d2
-    return Vec2(g * sigma.x - d2.x, g * sigma.y - d2.y)
+    return minus(scale(model.physics.gravity, sigma_of(m.pendulum, m.tilt, model)), m.reference.d2)
 
 
 @inlined
 def observer_outputs(m: AdrcMeasurement, model: Pendulum) -> tuple[float, ...]:
     """Return the measured output of every observer."""
-    fourth, acceleration = fourth_derivative(m, model), _acceleration(m, model)
-    stiffness = chain_stiffness(model.physics)
-    return (
-        m.error.x,
-        m.error.y,
-        fourth.x - m.reference.d4.x,
-        fourth.y - m.reference.d4.y,
-        m.error.z,
-        m.yaw_error,
-        stiffness * acceleration.x,
-        stiffness * acceleration.y,
-    )
+    fourth, force = minus(fourth_derivative(m, model), m.reference.d4), _acceleration(m, model)
+    force = scale(chain_stiffness(model.physics), force)
+    return m.error.x, m.error.y, fourth.x, fourth.y, m.error.z, m.yaw_error, force.x, force.y
 
 
 @inlined
@@ -210,10 +202,10 @@ def begin(m: AdrcMeasurement, model: Pendulum, estimate: Any, lane: int) -> None
 
 
 @inlined
-def _compensated(estimate: Any, lane: int, order: int, numbers: AdrcNumbers, model: Pendulum) -> Vec2:
+def _compensated(estimate: Any, lane: int, order: int, numbers: AdrcNumbers, model: Pendulum) -> Vec3:
     """Return the part of δ̂ (m/s⁴, order 0) or of its rate (order 1) that is fed back."""
-    share, field = numbers.mismatch / chain_stiffness(model.physics), FORCE + DISTURBANCE + order
-    return Vec2(share * estimate[field, lane], share * estimate[field + NEXT, lane])
+    share = numbers.mismatch / chain_stiffness(model.physics)
+    return scale(share, of_both_axes(estimate, FORCE + DISTURBANCE + order, lane))
 
 
 @inlined
@@ -222,14 +214,11 @@ def adrc(m: AdrcMeasurement, estimate: Any, lane: int, numbers: AdrcNumbers, mod
     p, k, fourth = model.physics, chain_stiffness(model.physics), fourth_derivative(m, model)
     value = _compensated(estimate, lane, VALUE, numbers, model)
     rate = _compensated(estimate, lane, RATE, numbers, model)
-    x = _feedback(estimate, lane, LUENBERGER, HORIZONTAL, value.x, rate.x, numbers)
-    y = _feedback(estimate, lane, LUENBERGER + NEXT, HORIZONTAL + NEXT, value.y, rate.y, numbers)
-    stiffness = p.gravity * k
-    torque = Vec2(
-        (k * fourth.x - (m.reference.d6.x - x)) / stiffness, (k * fourth.y - (m.reference.d6.y - y)) / stiffness
-    )
+    x = _feedback(estimate, lane, 0, value.x, rate.x, numbers)
+    y = _feedback(estimate, lane, NEXT, value.y, rate.y, numbers)
+    virtual_input = minus(m.reference.d6, Vec3(x, y, 0.0))  # v
     sine, cosine = sincos(m.yaw)
-    heading = turn(torque, -sine, cosine)
+    heading = turn3(divide(minus(scale(k, fourth), virtual_input), p.gravity * k), -sine, cosine)
     lift = m.reference.d2.z - _vertical_feedback(estimate, lane, HEIGHT, numbers)
     yaw = m.reference.yaw.z - _vertical_feedback(estimate, lane, YAW, numbers)
     thrust = lift / _limited_thrust_gain(m, model)
@@ -237,8 +226,9 @@ def adrc(m: AdrcMeasurement, estimate: Any, lane: int, numbers: AdrcNumbers, mod
 
 
 @inlined
-def _feedback(estimate: Any, lane: int, stage: int, eso: int, value: float, rate: float, numbers: AdrcNumbers) -> float:
-    """Return Σ k_i (F̂⁽ⁱ⁾ − F_d⁽ⁱ⁾) + ϑ̂ of one axis."""
+def _feedback(estimate: Any, lane: int, axis: int, value: float, rate: float, numbers: AdrcNumbers) -> float:
+    """Return Σ k_i (F̂⁽ⁱ⁾ − F_d⁽ⁱ⁾) + ϑ̂ of the axis whose observers begin `axis` fields after those of x."""
+    stage, eso = LUENBERGER + axis, HORIZONTAL + axis
     return float(
         numbers.k0 * estimate[stage, lane]
         + numbers.k1 * estimate[stage + 1, lane]
@@ -263,19 +253,13 @@ def observer_inputs(
 ) -> tuple[float, ...]:
     """Return the known input of every observer while a command is applied."""
     p, k, fourth, d = model.physics, chain_stiffness(model.physics), fourth_derivative(m, model), m.reference
-    compensated = _compensated(estimate, lane, VALUE, numbers, model)
     sine, cosine = sincos(m.yaw)
-    turning = turn(Vec2(command.c / p.inertia_pitch, -command.b / p.inertia_roll), sine, cosine)
-    return (
-        fourth.x + compensated.x - d.d4.x,
-        fourth.y + compensated.y - d.d4.y,
-        k * fourth.x - p.gravity * k * turning.x - d.d6.x,
-        k * fourth.y - p.gravity * k * turning.y - d.d6.y,
-        thrust_gain(m, model) * command.a - d.d2.z,
-        command.d / p.inertia_yaw - d.yaw.z,
-        k * (fourth.x - d.d4.x),
-        k * (fourth.y - d.d4.y),
-    )
+    turning = turn3(Vec3(command.c / p.inertia_pitch, -command.b / p.inertia_roll, 0.0), sine, cosine)
+    output = minus(add(fourth, _compensated(estimate, lane, VALUE, numbers, model)), d.d4)
+    horizontal = minus(axpy(-(p.gravity * k), turning, scale(k, fourth)), d.d6)
+    height, yaw = thrust_gain(m, model) * command.a - d.d2.z, command.d / p.inertia_yaw - d.yaw.z
+    force = scale(k, minus(fourth, d.d4))
+    return output.x, output.y, horizontal.x, horizontal.y, height, yaw, force.x, force.y
 
 
 @inlined
@@ -284,9 +268,9 @@ def estimated_forces(estimate: Any, lane: int, numbers: AdrcNumbers, model: Pend
     p, field = model.physics, (FORCE if numbers.mismatch > 0.0 else HORIZONTAL) + DISTURBANCE
     arm = p.quadrotor_mass * p.rod_length / (1.0 - model.pivot_share) / (p.gravity * chain_stiffness(p))
     lift = (estimate[HEIGHT + DISTURBANCE, lane] + p.gravity) * (p.quadrotor_mass + p.bob_mass)
-    none = calm()
-    force = Vec3(-arm * estimate[field, lane], -arm * estimate[field + NEXT, lane], lift)
-    return Forces(force, none.bob_force, Vec3(0.0, 0.0, estimate[YAW + DISTURBANCE, lane] * p.inertia_yaw))
+    force = scale(-arm, of_both_axes(estimate, field, lane))
+    yaw_torque = estimate[YAW + DISTURBANCE, lane] * p.inertia_yaw
+    return Forces(Vec3(force.x, force.y, lift), calm().bob_force, Vec3(0.0, 0.0, yaw_torque))
 
 
 @compiled
@@ -402,7 +386,7 @@ def _commands(
                     later[row, i] = now[i, row]
         state, p, demanded = load_state(then, 0, row), model.physics, adrc(m, chains, 0, numbers, model)
         turning = Vec3(demanded.b / p.inertia_roll, demanded.c / p.inertia_pitch, demanded.d / p.inertia_yaw)
-        turning = euler_accelerations(state, turning, rigid)
+        turning = attitude_accelerations(state, turning, rigid)
         demanded = Four(demanded.a, p.inertia_roll * turning.x, p.inertia_pitch * turning.y, p.inertia_yaw * turning.z)
         store_four(command.T, 0, row, body_command(state, demanded, calm(), model, rigid))
     return command
@@ -427,7 +411,7 @@ def _apply(action: Floats32, packed: Floats, packed_loop: Any, packed_rigid: Any
         # Mean accelerations of tilt and yaw, as φ, θ and ψ near hover
         first, second = tilt_rate_of(before, before.euler.z, rigid), tilt_rate_of(after, before.euler.z, rigid)
         sine, cosine = sincos(before.euler.z)
-        tilt = turn(Vec2(second.x - first.x, second.y - first.y), -sine, cosine)
+        tilt = turn3(minus(second, first), -sine, cosine)
         yaw = (after.euler_rate.z - before.euler_rate.z) / numbers.period
         roll, pitch = -tilt.y / numbers.period, tilt.x / numbers.period
         command = Four(thrust, p.inertia_roll * roll, p.inertia_pitch * pitch, p.inertia_yaw * yaw)
@@ -440,9 +424,10 @@ class ADRC(Controller):
     Args:
         gains: A name in `ADRC_GAINS` (``"paper"``, ``"matched"``, …), an `AdrcGains`, or a function that returns them
             for a nominal simulation.
-        simulation: Nominal plant, torque limits and control period; None: the default simulation.
-        loop: The known delays and lags of the loop; None: there are none.
+        simulation, loop: As of `Controller`.
     """
+
+    gains: AdrcGains
 
     def __init__(
         self,
@@ -450,17 +435,13 @@ class ADRC(Controller):
         simulation: Simulation | None = None,
         loop: Loop | None = None,
     ) -> None:
-        """Design the observers and the feedback."""
         if isinstance(gains, str):
             if gains not in ADRC_GAINS:
                 raise ValueError(f"there are no ADRC gains {gains!r}; there are {', '.join(ADRC_GAINS)}")
             gains = ADRC_GAINS[gains]
-        self.simulation = simulation or Simulation()
-        self.model = equivalent_model(self.simulation)
-        self.given_gains = gains
-        self.gains = gains = gains(self.simulation) if callable(gains) else gains
-        known = loop or Loop()
-        self._prediction = Prediction(self.simulation, known if gains.predicts else Loop(), gains.predicts)
+        super().__init__(gains, simulation, loop)
+        self.model, gains = equivalent_model(self.simulation), self.gains
+        self._prediction = Prediction(self.simulation, self.loop if gains.predicts else Loop(), gains.predicts)
         # The driven state and the gains of each observer
         self.observers = [
             (LUENBERGER_INPUT, gains.luenberger),
@@ -495,16 +476,8 @@ class ADRC(Controller):
         needed = self.model.packed_rigid is not None or self._prediction.loop_size > 0
         return LOOP + self._prediction.loop_size if needed else 0
 
-    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "ADRC":
-        """Return the same controller, designed for another nominal simulation and loop."""
-        return type(self)(self.given_gains, simulation, loop)
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, Floats]:
-        """Return action and memory; see `Policy.predict`."""
-        single = np.ndim(observation) == 1
-        observation = np.atleast_2d(np.asarray(observation, np.float32))
+    def act(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, Floats]:
+        """Return actions and memory; see `Controller.act`."""
         rows, size = len(observation), self._estimate_size
         memory, later = np.empty((rows, PLANT + 2 * size)), np.empty((rows, size))
         last = memory if state is None else state, episode_start_mask(episode_start, state is None, rows)
@@ -517,7 +490,7 @@ class ADRC(Controller):
             wanted, _ = to_action(command, self.simulation, later[:, RIGID_PART : RIGID_PART + RIGID_SIZE])
             action = np.nan_to_num(self._prediction.compensate(wanted, later))
             self._apply(memory, action)
-        return (action[0] if single else action), memory
+        return action, memory
 
     def command(self, last: Any, observation: Floats32, memory: Floats, later: Floats) -> Floats:
         """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation, shape (n, 4)."""

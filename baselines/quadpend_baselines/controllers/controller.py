@@ -1,26 +1,50 @@
 """The base class of the classical controllers: designed for a nominal simulation and the known part of its loop."""
 
+from typing import Any
+
+import numpy as np
+
 from quadpend_baselines.controllers.hanging import Hanging, mirror_simulation
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.policy.protocol import Policy
 from quadpend_baselines.policy.rotors import allocate_rotors
 from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
 
 
 class Controller(Policy):
     """A classical controller of thrust and torques.
 
+    Args:
+        gains: Gains, or a function that returns them for a nominal simulation.
+        simulation: Nominal plant, torque limits and control period; None: the default simulation.
+        loop: The known delays and lags of the loop; None: there are none.
+
     Attributes:
-        simulation: Nominal plant, torque limits and control period for which the controller is designed.
         flies_load: Whether the controller, designed for a mirrored simulation, also flies a hanging pendulum.
     """
 
-    simulation: Simulation
     flies_load: bool = False
 
+    def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
+        self.given_gains, self.simulation, self.loop = gains, simulation or Simulation(), loop or Loop()
+        self.gains = gains(self.simulation) if callable(gains) else gains
+
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Controller":
-        """Return the same controller, designed for another nominal simulation and loop; None: a loop without delays."""
+        """Return the same controller, designed for another nominal simulation and loop."""
+        return type(self)(self.given_gains, simulation, loop)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return action and memory; see `Policy.predict`."""
+        single = np.ndim(observation) == 1
+        action, memory = self.act(np.atleast_2d(np.asarray(observation, np.float32)), state, episode_start)
+        return (action[0] if single else action), memory
+
+    def act(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, Any]:
+        """Return actions, shape (n, 4), and memory for observations of n rows; see `Policy.predict`."""
         raise NotImplementedError
 
     def adapt(self, scenario: Scenario) -> Policy:

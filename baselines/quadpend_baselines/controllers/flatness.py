@@ -41,31 +41,33 @@ from quadpend_baselines.modelling.equivalent import (
     equivalent_forces,
     equivalent_model,
     equivalent_reference,
+    flat_output,
     pendulum_of,
     sigma_of,
     unpack_pendulum,
 )
 from quadpend_baselines.modelling.flat_outputs import (
-    Pair,
-    attitude_from_tangent,
+    coefficients,
+    euler_accelerations,
     flat_trajectory,
     tangent_from_attitude,
 )
 from quadpend_baselines.modelling.quantities import (
     Derivatives,
     Forces,
-    Vec2,
     VehicleState,
+    bob_offset,
+    divide,
     limit_length,
+    minus,
 )
-from quadpend_baselines.modelling.taylor import Series, from_derivatives
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
-from quadpend_gym.physics.vectors import Four, Vec3, axpy, dot, load_four, scale, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, load_four, scale, store_four
 from quadpend_gym.vehicles import Parameters
 
 _MIN_THRUST = 0.2  # share of the weight: without thrust, the torques have no effect on the pendulum
@@ -93,49 +95,34 @@ def flatness(
     """
     p, d, r, r_dot = model.physics, equivalent_forces(disturbance, model), s.direction, s.direction_rate
     path = flat_trajectory(equivalent_reference(reference, model), d, p)
-    tangent = tangent_from_attitude(s.euler, s.euler_rate)
-    t0, t1 = Vec2(tangent.x.a, tangent.y.a), Vec2(tangent.x.b, tangent.y.b)
+    t0, t1, _ = coefficients(tangent_from_attitude(s.euler, s.euler_rate))
     axis_height = max(sincos(s.euler.x)[1] * sincos(s.euler.y)[1], _MIN_AXIS_HEIGHT)
     vertical_bandwidth = gains.vertical_bandwidth * bandwidth_scale.d
     demanded = reference.d2.z - _feedback(s.velocity.z, s.position.z, gains.damping, vertical_bandwidth)
     thrust = _thrust(s, d, demanded, Vec3(t0.x * axis_height, t0.y * axis_height, axis_height), p)
-    pole = Vec2(r.x / r.z, r.y / r.z)
-    pole_rate = Vec2((r_dot.x - pole.x * r_dot.z) / r.z, (r_dot.y - pole.y * r_dot.z) / r.z)
+    pole = divide(r, r.z)
+    pole_rate = divide(axpy(-r_dot.z, pole, r_dot), r.z)
     s0, s1 = sigma_of(pole, t0, model), sigma_of(pole_rate, t1, model)
     gravity = p.gravity + reference.d2.z - d.bob_force.z / p.bob_mass  # G
     per_rod = 1.0 / (r.z * p.quadrotor_mass * p.rod_length)
     stiffness = per_rod * (thrust * axis_height)  # κ
     relative = axpy(p.quadrotor_mass / p.bob_mass, d.bob_force, scale(-1.0, d.force))
-    total_stiffness = stiffness - per_rod * relative.z  # κ'
+    ratio = (stiffness - per_rod * relative.z) / stiffness  # κ'/κ
     closing = 2.0 * r_dot.z / r.z
-    drift = Vec2(
-        per_rod * (relative.x - s0.x * relative.z) - closing * s1.x,
-        per_rod * (relative.y - s0.y * relative.z) - closing * s1.y,
-    )
-    s2 = Vec2(stiffness * (s0.x - t0.x) + drift.x, stiffness * (s0.y - t0.y) + drift.y)
-    sx, sy, tx, ty = path.pendulum.x, path.pendulum.y, path.tangent.x, path.tangent.y
-    pole_d = pendulum_of(Vec2(sx.a, sy.a), Vec2(tx.a, ty.a), model)
-    pole_rate_d = pendulum_of(Vec2(sx.b, sy.b), Vec2(tx.b, ty.b), model)
-    length, a, b = model.vehicle.rod_length, model.pendulum_arm, model.thrust_arm
+    drift = axpy(-closing, s1, scale(per_rod, axpy(-relative.z, s0, relative)))
+    s2 = axpy(stiffness, minus(s0, t0), drift)
+    s0_d, s1_d, s2_d = coefficients(path.pendulum)
+    t0_d, t1_d, t2_d = coefficients(path.tangent)
+    s2_d, t2_d = scale(2.0, s2_d), scale(2.0, t2_d)
 
     # (1): errors of the flat output and of its derivatives
-    e0 = Vec2(
-        s.position.x + length * r.x + a * (pole.x - pole_d.x) + b * (t0.x - tx.a),
-        s.position.y + length * r.y + a * (pole.y - pole_d.y) + b * (t0.y - ty.a),
-    )
-    e1 = Vec2(
-        s.velocity.x + length * r_dot.x + a * (pole_rate.x - pole_rate_d.x) + b * (t1.x - tx.b),
-        s.velocity.y + length * r_dot.y + a * (pole_rate.y - pole_rate_d.y) + b * (t1.y - ty.b),
-    )
-    e2, e3 = (
-        Vec2(gravity * (s0.x - sx.a), gravity * (s0.y - sy.a)),
-        Vec2(gravity * (s1.x - sx.b), gravity * (s1.y - sy.b)),
-    )
-    s2_d, t2_d = Vec2(2.0 * sx.c, 2.0 * sy.c), Vec2(2.0 * tx.c, 2.0 * ty.c)
+    bob, bob_rate = bob_offset(s, model.vehicle.rod_length)
+    e0 = flat_output(bob, minus(pole, pendulum_of(s0_d, t0_d, model)), minus(t0, t0_d), model)
+    e1 = flat_output(bob_rate, minus(pole_rate, pendulum_of(s1_d, t1_d, model)), minus(t1, t1_d), model)
+    e2, e3 = scale(gravity, minus(s0, s0_d)), scale(gravity, minus(s1, s1_d))
     # (7): bandwidths by the unstable mode of the pendulum
-    per_root = 1.0 / np.sqrt(abs(stiffness))
-    mode_x, mode_y = (e2.x + e3.x * per_root) / gravity, (e2.y + e3.y * per_root) / gravity
-    share = 1.0 / (1.0 + (mode_x * mode_x + mode_y * mode_y) / (gains.near * gains.near))
+    mode = divide(axpy(1.0 / np.sqrt(abs(stiffness)), e3, e2), gravity)
+    share = 1.0 / (1.0 + (mode.x * mode.x + mode.y * mode.y) / (gains.near * gains.near))
     far, near = gains.far_pendulum_bandwidth, gains.pendulum_bandwidth
     pendulum_bandwidth = bandwidth_scale.b * (far + (near - far) * share)
     far, near = gains.far_attitude_bandwidth, gains.attitude_bandwidth
@@ -144,31 +131,25 @@ def flatness(
         gains.position_bandwidth * bandwidth_scale.a, pendulum_bandwidth, attitude_bandwidth, gains.damping
     )
     # (2) and (3): the acceleration and the tilt of the thrust that the errors demand, limited
-    velocity = limit_length(Vec2(k[0] / k[1] * e0.x, k[0] / k[1] * e0.y), gains.velocity)
-    wanted = Vec2(k[1] / k[2] * (e1.x + velocity.x), k[1] / k[2] * (e1.y + velocity.y))
-    wanted = limit_length(wanted, gains.acceleration)
-    e4_x, e4_y = -(k[3] * e3.x + k[2] * (e2.x + wanted.x)) / k[4], -(k[3] * e3.y + k[2] * (e2.y + wanted.y)) / k[4]
-    tilt = Vec2(
-        s0.x - (s2_d.x + e4_x / gravity - drift.x) / stiffness, s0.y - (s2_d.y + e4_y / gravity - drift.y) / stiffness
-    )
+    velocity = limit_length(scale(k[0] / k[1], e0), gains.velocity)
+    wanted = limit_length(scale(k[1] / k[2], add(e1, velocity)), gains.acceleration)
+    e4 = divide(axpy(-k[3], e3, scale(-k[2], add(e2, wanted))), k[4])
     sine, cosine = sincos(gains.lean)
+    tilt = minus(s0, divide(minus(add(s2_d, divide(e4, gravity)), drift), stiffness))
     tilt = limit_length(tilt, sine / cosine)
     # (4) and (5): e₄ − e₄* is that of the limited tilt, in which all but the tangents cancel
-    t2_x = t2_d.x + total_stiffness / stiffness * (s2.x - s2_d.x)
-    t2_y = t2_d.y + total_stiffness / stiffness * (s2.y - s2_d.y)
-    t2_x += k[5] * (total_stiffness / stiffness * (s1.x - sx.b) - (t1.x - tx.b)) + k[4] * (tilt.x - t0.x)
-    t2_y += k[5] * (total_stiffness / stiffness * (s1.y - sy.b) - (t1.y - ty.b)) + k[4] * (tilt.y - t0.y)
+    t2 = axpy(ratio, minus(s2, s2_d), t2_d)
+    damped = minus(scale(ratio, minus(s1, s1_d)), minus(t1, t1_d))
+    t2 = add(t2, axpy(k[5], damped, scale(k[4], minus(tilt, t0))))
 
     yaw = reference.yaw
     yaw_error, yaw_rate = s.euler.z - yaw.x, s.euler_rate.z - yaw.y
     yaw_acceleration = yaw.z - _feedback(yaw_rate, yaw_error, gains.damping, vertical_bandwidth)
-    turn = Pair(Series(t0.x, t1.x, 0.5 * t2_x, 0.0, 0.0), Series(t0.y, t1.y, 0.5 * t2_y, 0.0, 0.0))
-    heading = from_derivatives(s.euler.z, s.euler_rate.z, yaw_acceleration, 0.0, 0.0)
-    roll, pitch = attitude_from_tangent(turn, heading)
+    turning = euler_accelerations(t0, t1, t2, Vec3(s.euler.z, s.euler_rate.z, yaw_acceleration))
     command = Four(
         thrust,
-        p.inertia_roll * 2.0 * roll.c - d.torque.x,
-        p.inertia_pitch * 2.0 * pitch.c - d.torque.y,
+        p.inertia_roll * turning.x - d.torque.x,
+        p.inertia_pitch * turning.y - d.torque.y,
         p.inertia_yaw * yaw_acceleration - d.torque.z,
     )
     return body_command(s, command, disturbance, model, rigid)

@@ -45,7 +45,6 @@ from quadpend_baselines.modelling.linear_model import (
 from quadpend_baselines.modelling.quantities import (
     Derivatives,
     Forces,
-    Vec2,
     VehicleState,
     bob_offset,
     calm,
@@ -204,7 +203,7 @@ def lqr(
 ) -> tuple[Four, Vec3]:
     """Return thrust (N) and torques (N·m) of equation (1), and the integrals σ (m·s, world frame) after this step."""
     x, command = deviation(s, calm(), reference, model, rigid)
-    near = limit_length(Vec2(x.position.x, x.position.y), numbers.reach)
+    near = limit_length(x.position, numbers.reach)
     position = Vec3(near.x, near.y, x.position.z)
     x = VehicleState(position, x.velocity, x.euler, x.euler_rate, x.direction, x.direction_rate)
     command = _minus(command, feedback(model_state(x, 0.0, 1.0), gain, 0))

@@ -42,10 +42,7 @@ class OutputFeedback(Controller):
 
     Args:
         make_law: Returns the control law from its gains and the nominal simulation.
-        gains: Gains of the control law, or a function that returns them for a nominal simulation; their field
-            `estimator` holds those of the estimator.
-        simulation: Nominal plant, torque limits and control period; None: the default simulation.
-        loop: The known delays and lags of the loop; None: there are none.
+        gains, simulation, loop: As of `Controller`; the field `estimator` of the gains holds those of the estimator.
 
     Attributes:
         has_bandwidth_scale: Whether the `command` method of the control law takes a `bandwidth_scale`.
@@ -58,10 +55,8 @@ class OutputFeedback(Controller):
         simulation: Simulation | None = None,
         loop: Loop | None = None,
     ) -> None:
-        self.make_law, self.given_gains, self.simulation = make_law, gains, simulation or Simulation()
-        self.gains = gains(self.simulation) if callable(gains) else gains
-        self.loop = loop or Loop()
-        self._law = make_law(self.gains, self.simulation)
+        super().__init__(gains, simulation, loop)
+        self.make_law, self._law = make_law, make_law(self.gains, self.simulation)
         self.has_linear_model = not isinstance(self._law, Mppi | Nmpc)
         self.estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
         self.has_bandwidth_scale = isinstance(self._law, Flatness)
@@ -71,14 +66,9 @@ class OutputFeedback(Controller):
         """Return the same controller, designed for another nominal simulation and loop."""
         return OutputFeedback(self.make_law, self.given_gains, simulation, loop)
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, OutputFeedbackMemory]:
-        """Return action and memory; see `Policy.predict`."""
-        single = np.ndim(observation) == 1
-        estimation = self.update(np.atleast_2d(np.asarray(observation, np.float32)), state, episode_start)
-        action, memory = self.control(estimation)
-        return (action[0] if single else action), memory
+    def act(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, OutputFeedbackMemory]:
+        """Return actions and memory; see `Controller.act`."""
+        return self.control(self.update(observation, state, episode_start))
 
     def update(
         self, observation: Floats32, state: OutputFeedbackMemory | None, episode_start: Any

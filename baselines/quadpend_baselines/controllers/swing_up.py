@@ -83,28 +83,20 @@ class SwingUpMemory(NamedTuple):
 
 
 class SwingUp(Controller):
-    """Damping, a planned flight and a balancing controller as a policy; for its arguments see `OutputFeedback`."""
+    """Damping, a planned flight and a balancing controller as a policy."""
+
+    gains: SwingUpGains
 
     def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
-        self.given_gains, self.simulation = gains, simulation or Simulation()
-        self.gains: SwingUpGains = gains(self.simulation) if callable(gains) else gains
-        self.loop = loop or Loop()
+        super().__init__(gains, simulation, loop)
         self.balancer = OutputFeedback(Flatness, gains_for("flatness", self.simulation), self.simulation, loop)
 
-    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "SwingUp":
-        """Return the same controller, designed for another nominal simulation and loop."""
-        return SwingUp(self.given_gains, simulation, loop)
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, SwingUpMemory]:
-        """Return action and memory; see `Policy.predict`."""
-        single = np.ndim(observation) == 1
-        observed = np.atleast_2d(np.asarray(observation, np.float32))
-        measurement = measurement_from_observation(observed, self.simulation.parameters.rod_length)
-        if observed.shape[1] != OBSERVATION_SIZE:
+    def act(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, SwingUpMemory]:
+        """Return actions and memory; see `Controller.act`."""
+        measurement = measurement_from_observation(observation, self.simulation.parameters.rod_length)
+        if observation.shape[1] != OBSERVATION_SIZE:
             raise ValueError("swing-up needs an observation with velocities, of 36 numbers")
-        rows = len(observed)
+        rows = len(observation)
         phase, step = np.full(rows, Phase.DAMP), np.zeros(rows, np.int64)
         if state is not None:
             continues = ~episode_start_mask(episode_start, False, rows)
@@ -113,13 +105,13 @@ class SwingUp(Controller):
         phase, step = self._next_phase(State(measurement.state), phase, step)
         balances = phase == Phase.BALANCE
         memory = None if state is None else state.balancing
-        balancing, memory = self.balancer.predict(observed, memory, ~(balances & balanced))
+        balancing, memory = self.balancer.predict(observation, memory, ~(balances & balanced))
         action = self._damp(State(measurement.state), measurement)
         action[balances] = balancing[balances]
         swings = phase == Phase.SWING
         if swings.any():
             action[swings] = self._swing(measurement, step)[swings]
-        return (action[0] if single else action), SwingUpMemory(phase, step, memory)
+        return action, SwingUpMemory(phase, step, memory)
 
     def _next_phase(self, s: State, phase: Integers, step: Integers) -> tuple[Integers, Integers]:
         """Return the phase and the step of the plan after the latest measurement."""

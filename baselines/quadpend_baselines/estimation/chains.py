@@ -23,16 +23,16 @@ from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     chain_stiffness,
     equivalent_reference,
+    flat_output,
     pendulum_of,
     sigma_of,
 )
-from quadpend_baselines.modelling.flat_outputs import Pair, attitude_from_tangent, tangent_from_attitude
-from quadpend_baselines.modelling.quantities import Derivatives, Vec2, VehicleState, bob_offset, turn
-from quadpend_baselines.modelling.taylor import Series, from_derivatives
+from quadpend_baselines.modelling.flat_outputs import coefficients, euler_accelerations, tangent_from_attitude
+from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, divide, minus, turn3
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.rigid_settings import RigidSettings
-from quadpend_gym.physics.vectors import Vec3
+from quadpend_gym.physics.vectors import Vec3, add, axpy, scale
 
 # Observers, each with four states: Luenberger stages of x and y, DESOs of x and y, height, yaw: chains of the state.
 # Only the matched law has the DESOs of the force in x and y.
@@ -51,8 +51,8 @@ class AdrcMeasurement(NamedTuple):
 
     error: Vec3  # e, m
     direction: Vec3  # r
-    pendulum: Vec2  # s
-    tilt: Vec2  # t
+    pendulum: Vec3  # s, horizontal
+    tilt: Vec3  # t, horizontal
     thrust_axis: Vec3  # b
     yaw: float  # ψ, rad
     yaw_error: float  # ψ − ψ_d, rad
@@ -67,26 +67,20 @@ def make_measurement(
     yaw = euler.z + reference.yaw.x
     (sin_roll, cos_roll), (sin_pitch, cos_pitch), (sine, cosine) = sincos(euler.x), sincos(euler.y), sincos(yaw)
     # In the axes of the heading, the horizontal thrust direction is (cos φ sin θ, −sin φ).
-    axis = turn(Vec2(cos_roll * sin_pitch, -sin_roll), sine, cosine)
-    b = Vec3(axis.x, axis.y, cos_roll * cos_pitch)
+    b = turn3(Vec3(cos_roll * sin_pitch, -sin_roll, cos_roll * cos_pitch), sine, cosine)
     if rigid is None:
-        s, t = Vec2(direction.x, direction.y), turn(Vec2(euler.y, -euler.x), sine, cosine)
+        s, t = direction, turn3(Vec3(euler.y, -euler.x, 0.0), sine, cosine)
     else:
-        r_z, b_z = max(direction.z, _LEAST_VERTICAL), max(b.z, _LEAST_VERTICAL)
-        s, t = Vec2(direction.x / r_z, direction.y / r_z), Vec2(b.x / b_z, b.y / b_z)
-    offset = _offset(reference.d2, reference.d4, model)
-    moved = Vec3(
-        error.x + model.pendulum_arm * s.x + model.thrust_arm * t.x - offset.x,
-        error.y + model.pendulum_arm * s.y + model.thrust_arm * t.y - offset.y,
-        error.z,
-    )
+        s, t = divide(direction, max(direction.z, _LEAST_VERTICAL)), divide(b, max(b.z, _LEAST_VERTICAL))
+    output = minus(flat_output(error, s, t, model), _offset(reference.d2, reference.d4, model))
+    moved = Vec3(output.x, output.y, error.z)
     return AdrcMeasurement(moved, direction, s, t, b, yaw, euler.z, equivalent_reference(reference, model))
 
 
 @inlined
-def _offset(second: Vec3, fourth: Vec3, model: Pendulum) -> Vec2:
+def _offset(second: Vec3, fourth: Vec3, model: Pendulum) -> Vec3:
     """Return F − F_d of the wanted F, or its rate, from the derivatives of F_d of two orders, m."""
-    return Vec2(model.second * second.x + model.fourth * fourth.x, model.second * second.y + model.fourth * fourth.y)
+    return axpy(model.second, second, scale(model.fourth, fourth))
 
 
 @inlined
@@ -111,12 +105,13 @@ def measurement_of_state(
 
 
 @inlined
-def _limited(v: Vec2, limit: float) -> Vec2:
-    return Vec2(min(max(v.x, -limit), limit), min(max(v.y, -limit), limit))
+def of_both_axes(chains: Any, field: int, lane: int) -> Vec3:
+    """Return a field of the observers of x and y."""
+    return Vec3(chains[field, lane], chains[field + NEXT, lane], 0.0)
 
 
 @inlined
-def _limited3(v: Vec3, limit: float) -> Vec3:
+def _limited(v: Vec3, limit: float) -> Vec3:
     return Vec3(min(max(v.x, -limit), limit), min(max(v.y, -limit), limit), min(max(v.z, -limit), limit))
 
 
@@ -137,50 +132,43 @@ def state_from_chains(
     """
     p, wanted, r = model.physics, measurement.reference, measured.direction
     stiffness, g = p.gravity * chain_stiffness(p), p.gravity
-    third_x = wanted.d3.x + chains[LUENBERGER + 3, lane]
-    third_y = wanted.d3.y + chains[LUENBERGER + NEXT + 3, lane]
-    sigma_rate = _limited(Vec2(third_x / g, third_y / g), _MAX_ANGLE_RATE)
-    fifth_x = wanted.d5.x + chains[HORIZONTAL + RATE, lane]
-    fifth_y = wanted.d5.y + chains[HORIZONTAL + NEXT + RATE, lane]
-    tilt_rate = Vec2(sigma_rate.x - fifth_x / stiffness, sigma_rate.y - fifth_y / stiffness)
-    tilt_rate = _limited(tilt_rate, _MAX_ANGLE_RATE)
+    third = add(wanted.d3, of_both_axes(chains, LUENBERGER + 3, lane))
+    sigma_rate = _limited(divide(third, g), _MAX_ANGLE_RATE)
+    fifth = add(wanted.d5, of_both_axes(chains, HORIZONTAL + RATE, lane))
+    tilt_rate = _limited(minus(sigma_rate, divide(fifth, stiffness)), _MAX_ANGLE_RATE)
     euler_rate = measured.euler_rate
     if not has_rates:
         sine, cosine = sincos(measurement.yaw)
-        turned, yaw_rate = turn(tilt_rate, -sine, cosine), chains[YAW + RATE, lane] + reference.yaw.y
-        euler_rate = _limited3(Vec3(-turned.y, turned.x, yaw_rate), _MAX_ANGLE_RATE)
+        turned, yaw_rate = turn3(tilt_rate, -sine, cosine), chains[YAW + RATE, lane] + reference.yaw.y
+        euler_rate = _limited(Vec3(-turned.y, turned.x, yaw_rate), _MAX_ANGLE_RATE)
     s_rate = pendulum_of(sigma_rate, tilt_rate, model)
     r_rate = s_rate
     if rigid is not None:
         along = r.x * s_rate.x + r.y * s_rate.y
-        r_rate = Vec2(r.z * (s_rate.x - along * r.x), r.z * (s_rate.y - along * r.y))
-    length, a, b = model.vehicle.rod_length, model.pendulum_arm, model.thrust_arm
-    offset = _offset(reference.d3, reference.d5, model)
-    velocity = Vec3(
-        chains[LUENBERGER + 1, lane] - length * r_rate.x - (a * s_rate.x + b * tilt_rate.x) + offset.x,
-        chains[LUENBERGER + NEXT + 1, lane] - length * r_rate.y - (a * s_rate.y + b * tilt_rate.y) + offset.y,
-        chains[HEIGHT + RATE, lane],
-    )
-    velocity = _limited3(velocity, _MAX_VELOCITY)
+        r_rate = scale(r.z, axpy(-along, r, s_rate))
+    arms = axpy(model.thrust_arm, tilt_rate, scale(model.pendulum_arm, s_rate))
+    velocity = axpy(-model.vehicle.rod_length, r_rate, of_both_axes(chains, LUENBERGER + 1, lane))
+    velocity = add(minus(velocity, arms), _offset(reference.d3, reference.d5, model))
+    velocity = _limited(Vec3(velocity.x, velocity.y, chains[HEIGHT + RATE, lane]), _MAX_VELOCITY)
     rate = Vec3(r_rate.x, r_rate.y, 0.0)
     return project_direction(VehicleState(measured.position, velocity, measured.euler, euler_rate, r, rate))
 
 
 @inlined
-def tilt_of_state(s: VehicleState) -> Pair:
-    """Return the Taylor series of the tangents t of a state, known to order 1."""
+def _tilt_of_state(s: VehicleState) -> tuple[Vec3, Vec3]:
+    """Return the tangents t of a state and their rates."""
     euler = Vec3(min(max(s.euler.x, -_MAX_ANGLE), _MAX_ANGLE), min(max(s.euler.y, -_MAX_ANGLE), _MAX_ANGLE), s.euler.z)
-    return tangent_from_attitude(euler, s.euler_rate)
+    tilt, rate, _ = coefficients(tangent_from_attitude(euler, s.euler_rate))
+    return tilt, rate
 
 
 @inlined
-def tilt_rate_of(s: VehicleState, yaw: float, rigid: RigidSettings | None) -> Vec2:
+def tilt_rate_of(s: VehicleState, yaw: float, rigid: RigidSettings | None) -> Vec3:
     """Return ṫ of a state, rad/s."""
     if rigid is None:
         sine, cosine = sincos(yaw)
-        return turn(Vec2(s.euler_rate.y, -s.euler_rate.x), sine, cosine)
-    series = tilt_of_state(s)
-    return Vec2(series.x.b, series.y.b)
+        return turn3(Vec3(s.euler_rate.y, -s.euler_rate.x, 0.0), sine, cosine)
+    return _tilt_of_state(s)[1]
 
 
 @inlined
@@ -197,43 +185,28 @@ def chains_of_state(
     """Add the states of the chains without disturbances, by equations (1) and (2), times `sign`, in place."""
     p, m, wanted = model.physics, measurement, measurement.reference
     g, stiffness = p.gravity, p.gravity * chain_stiffness(p)
-    r, r_dot = s.direction, s.direction_rate
-    s_rate, t_rate = Vec2(r_dot.x, r_dot.y), tilt_rate_of(s, m.yaw, rigid)
+    s_rate, t_rate = s.direction_rate, tilt_rate_of(s, m.yaw, rigid)
     if rigid is not None:
-        r_z = max(r.z, _LEAST_VERTICAL)
-        s_rate = Vec2((r_dot.x - m.pendulum.x * r_dot.z) / r_z, (r_dot.y - m.pendulum.y * r_dot.z) / r_z)
+        s_rate = divide(axpy(-s_rate.z, m.pendulum, s_rate), max(s.direction.z, _LEAST_VERTICAL))
     sigma, sigma_rate = sigma_of(m.pendulum, m.tilt, model), sigma_of(s_rate, t_rate, model)
-    offset, (_, rate) = _offset(reference.d3, reference.d5, model), bob_offset(s, model.vehicle.rod_length)
-    a, b = model.pendulum_arm, model.thrust_arm
-    stages = (  # the Luenberger stages of x and y
-        m.error.x,
-        rate.x + a * s_rate.x + b * t_rate.x - offset.x,
-        g * sigma.x - wanted.d2.x,
-        g * sigma_rate.x - wanted.d3.x,
-        m.error.y,
-        rate.y + a * s_rate.y + b * t_rate.y - offset.y,
-        g * sigma.y - wanted.d2.y,
-        g * sigma_rate.y - wanted.d3.y,
-    )
-    outputs = (  # value and rate of the DESOs
-        stiffness * (sigma.x - m.tilt.x) - wanted.d4.x,
-        stiffness * (sigma_rate.x - t_rate.x) - wanted.d5.x,
-        stiffness * (sigma.y - m.tilt.y) - wanted.d4.y,
-        stiffness * (sigma_rate.y - t_rate.y) - wanted.d5.y,
-        m.error.z,
-        s.velocity.z,
-        m.yaw_error,
-        s.euler_rate.z - reference.yaw.y,
-    )
-    for i in range(8):
-        chains[i, lane] += sign * stages[i]
+    _, rate = bob_offset(s, model.vehicle.rod_length)
+    first = minus(flat_output(rate, s_rate, t_rate, model), _offset(reference.d3, reference.d5, model))
+    second, third = minus(scale(g, sigma), wanted.d2), minus(scale(g, sigma_rate), wanted.d3)
+    fourth = minus(scale(stiffness, minus(sigma, m.tilt)), wanted.d4)
+    fifth = minus(scale(stiffness, minus(sigma_rate, t_rate)), wanted.d5)
+    chains_of_output = m.error, first, second, third
     for i in range(4):
-        chains[HORIZONTAL + 4 * i, lane] += sign * outputs[2 * i]
-        chains[HORIZONTAL + 4 * i + 1, lane] += sign * outputs[2 * i + 1]
+        chains[LUENBERGER + i, lane] += sign * chains_of_output[i].x
+        chains[LUENBERGER + NEXT + i, lane] += sign * chains_of_output[i].y
+    values = fourth.x, fourth.y, m.error.z, m.yaw_error
+    rates = fifth.x, fifth.y, s.velocity.z, s.euler_rate.z - reference.yaw.y
+    for i in range(4):
+        chains[HORIZONTAL + NEXT * i, lane] += sign * values[i]
+        chains[HORIZONTAL + NEXT * i + RATE, lane] += sign * rates[i]
 
 
 @inlined
-def euler_accelerations(s: VehicleState, acceleration: Vec3, rigid: RigidSettings | None) -> Vec3:
+def attitude_accelerations(s: VehicleState, acceleration: Vec3, rigid: RigidSettings | None) -> Vec3:
     """Return the accelerations of the Euler angles that make those of tilt and yaw, rad/s².
 
     Args:
@@ -244,9 +217,6 @@ def euler_accelerations(s: VehicleState, acceleration: Vec3, rigid: RigidSetting
     if rigid is None:
         return acceleration
     sine, cosine = sincos(s.euler.z)
-    second, t = turn(Vec2(acceleration.y, -acceleration.x), sine, cosine), tilt_of_state(s)
-    x = Series(t.x.a, t.x.b, 0.5 * second.x, 0.0, 0.0)
-    y = Series(t.y.a, t.y.b, 0.5 * second.y, 0.0, 0.0)
-    heading = from_derivatives(s.euler.z, s.euler_rate.z, acceleration.z, 0.0, 0.0)
-    roll, pitch = attitude_from_tangent(Pair(x, y), heading)
-    return Vec3(2.0 * roll.c, 2.0 * pitch.c, acceleration.z)
+    tilt, rate = _tilt_of_state(s)
+    second = turn3(Vec3(acceleration.y, -acceleration.x, 0.0), sine, cosine)
+    return euler_accelerations(tilt, rate, second, Vec3(s.euler.z, s.euler_rate.z, acceleration.z))

@@ -58,7 +58,6 @@ from quadpend_baselines.modelling.quantities import (
     store_forces,
     store_reference,
     store_state,
-    turn,
     turn3,
     with_rates,
 )
@@ -510,7 +509,7 @@ def correct(
         buffer[i, 0] = total
     state = project_direction(combine(1.0, state_of_model(buffer, sine, cosine), predicted))
     store_state(memory, STATE, lane, state)
-    force, bob_force = turn3(load(buffer, _FORCE, 0), sine, cosine), turn(load(buffer, _BOB_FORCE, 0), sine, cosine)
+    force, bob_force = turn3(load(buffer, _FORCE, 0), sine, cosine), turn3(load(buffer, _BOB_FORCE, 0), sine, cosine)
     torque = load(buffer, _TORQUE, 0)
     if rigid is not None:  # a vector of the world frame
         torque = turn3(torque, sine, cosine)

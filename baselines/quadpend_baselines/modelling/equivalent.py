@@ -39,11 +39,12 @@ from quadpend_baselines.modelling.inverse_dynamics import body_torques
 from quadpend_baselines.modelling.quantities import (
     Derivatives,
     Forces,
-    Vec2,
     VehicleState,
+    divide,
     load_forces,
     load_reference,
     load_state,
+    minus,
     store_forces,
     store_state,
 )
@@ -81,17 +82,21 @@ def chain_stiffness(p: Parameters) -> float:
 
 
 @inlined
-def sigma_of(pendulum: Vec2, tilt: Vec2, model: Pendulum) -> Vec2:
+def sigma_of(pendulum: Vec3, tilt: Vec3, model: Pendulum) -> Vec3:
     """Return σ, or its rate, for s and t or their rates."""
-    share = model.pivot_share
-    return Vec2(pendulum.x + share * (tilt.x - pendulum.x), pendulum.y + share * (tilt.y - pendulum.y))
+    return axpy(model.pivot_share, minus(tilt, pendulum), pendulum)
 
 
 @inlined
-def pendulum_of(sigma: Vec2, tilt: Vec2, model: Pendulum) -> Vec2:
+def pendulum_of(sigma: Vec3, tilt: Vec3, model: Pendulum) -> Vec3:
     """Return s for σ and t, or their rates: the inverse of `sigma_of`."""
-    share = model.pivot_share
-    return Vec2((sigma.x - share * tilt.x) / (1.0 - share), (sigma.y - share * tilt.y) / (1.0 - share))
+    return divide(axpy(-model.pivot_share, tilt, sigma), 1.0 - model.pivot_share)
+
+
+@inlined
+def flat_output(bob: Vec3, pendulum: Vec3, tilt: Vec3, model: Pendulum) -> Vec3:
+    """Return F of equation (2), or its rate, for ζ + l r, s and t, or their rates."""
+    return axpy(model.thrust_arm, tilt, axpy(model.pendulum_arm, pendulum, bob))
 
 
 @inlined
@@ -102,13 +107,9 @@ def equivalent_forces(forces: Forces, model: Pendulum) -> Forces:
     # Horizontally, the disturbance of s̈ acts on σ̈ with the factor 1/(1 + μ), and moves the equilibrium of σ.
     relative = axpy(1.0 / p.bob_mass, bob_force, scale(-1.0 / p.quadrotor_mass, force))
     moved = -p.bob_mass * p.gravity / chain_stiffness(p) * model.pivot_share / p.rod_length
-    x, y = bob_force.x + moved * relative.x, bob_force.y + moved * relative.y
-    kept, ratio = (1.0 - model.pivot_share) * p.quadrotor_mass, p.quadrotor_mass / p.bob_mass
-    return Forces(
-        Vec3(ratio * x - kept * relative.x, ratio * y - kept * relative.y, force.z),
-        Vec3(x, y, bob_force.z),
-        forces.torque,
-    )
+    on_bob, kept = axpy(moved, relative, bob_force), (1.0 - model.pivot_share) * p.quadrotor_mass
+    on_body = axpy(-kept, relative, scale(p.quadrotor_mass / p.bob_mass, on_bob))
+    return Forces(Vec3(on_body.x, on_body.y, force.z), Vec3(on_bob.x, on_bob.y, bob_force.z), forces.torque)
 
 
 @inlined

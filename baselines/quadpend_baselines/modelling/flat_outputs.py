@@ -128,6 +128,21 @@ def attitude_from_tangent(tangent: Pair, yaw: Series) -> tuple[Series, Series]:
 
 
 @inlined
+def euler_accelerations(t: Vec3, rate: Vec3, acceleration: Vec3, yaw: Vec3) -> Vec3:
+    """Return φ̈, θ̈ and ψ̈ from t, ṫ, ẗ and (ψ, ψ̇, ψ̈)."""
+    x, y = Series(t.x, rate.x, 0.5 * acceleration.x, 0.0, 0.0), Series(t.y, rate.y, 0.5 * acceleration.y, 0.0, 0.0)
+    roll, pitch = attitude_from_tangent(Pair(x, y), Series(yaw.x, yaw.y, yaw.z / 2.0, 0.0, 0.0))
+    return Vec3(2.0 * roll.c, 2.0 * pitch.c, yaw.z)
+
+
+@inlined
+def coefficients(vector: Pair) -> tuple[Vec3, Vec3, Vec3]:
+    """Return the Taylor coefficients of order 0, 1 and 2 of a horizontal vector."""
+    x, y = vector.x, vector.y
+    return Vec3(x.a, y.a, 0.0), Vec3(x.b, y.b, 0.0), Vec3(x.c, y.c, 0.0)
+
+
+@inlined
 def tangent_from_attitude(euler: Vec3, rate: Vec3) -> Pair:
     """Return the series of t, known to order 1, from φ, θ, ψ and their rates, by equation (5)."""
     sin_roll, cos_roll = sincos_series(Series(euler.x, rate.x, 0.0, 0.0, 0.0))

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines.modelling.planar import rotate
-from quadpend_baselines.modelling.quantities import VehicleState, turn, turn3
+from quadpend_baselines.modelling.quantities import VehicleState, turn3
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
@@ -92,7 +92,7 @@ def rotate_state(x: Floats, yaw: Floats) -> Floats:
 def model_state(s: VehicleState, sine: float, cosine: float) -> tuple[float, ...]:
     """Return x of a deviation of states, rotated about the vertical by an angle with this sine and cosine."""
     position, velocity = turn3(s.position, sine, cosine), turn3(s.velocity, sine, cosine)
-    r, r_dot = turn(s.direction, sine, cosine), turn(s.direction_rate, sine, cosine)
+    r, r_dot = turn3(s.direction, sine, cosine), turn3(s.direction_rate, sine, cosine)
     angle, rate = s.euler, s.euler_rate
     return (
         position.x,

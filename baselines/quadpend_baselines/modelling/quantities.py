@@ -1,7 +1,7 @@
 """State, disturbance and reference of one vehicle inside compiled functions, as named tuples of vectors.
 
 The layouts in arrays are those of `quadpend_gym.physics.state`; `lanes` are (field, row) arrays. Positions and
-velocities of controllers are relative to the reference.
+velocities of controllers are relative to the reference. The z component of a horizontal vector has no meaning.
 """
 
 from typing import Any, NamedTuple
@@ -20,14 +20,7 @@ from quadpend_gym.physics.state import (
     TORQUE,
     VELOCITY,
 )
-from quadpend_gym.physics.vectors import Vec3, add, axpy, load, store
-
-
-class Vec2(NamedTuple):
-    """A horizontal vector."""
-
-    x: float
-    y: float
+from quadpend_gym.physics.vectors import Vec3, add, axpy, load, scale, store
 
 
 class VehicleState(NamedTuple):
@@ -136,9 +129,15 @@ def combine(factor: float, a: VehicleState, b: VehicleState) -> VehicleState:
 
 
 @inlined
-def turn(v: Any, sine: float, cosine: float) -> Vec2:
-    """Return the horizontal part of v, rotated about the vertical."""
-    return Vec2(cosine * v.x - sine * v.y, sine * v.x + cosine * v.y)
+def minus(a: Vec3, b: Vec3) -> Vec3:
+    """Return a − b."""
+    return Vec3(a.x - b.x, a.y - b.y, a.z - b.z)
+
+
+@inlined
+def divide(a: Vec3, number: float) -> Vec3:
+    """Return a / number."""
+    return Vec3(a.x / number, a.y / number, a.z / number)
 
 
 @inlined
@@ -148,10 +147,9 @@ def turn3(v: Vec3, sine: float, cosine: float) -> Vec3:
 
 
 @inlined
-def limit_length(v: Vec2, limit: float) -> Vec2:
-    """Return v, scaled down if it is longer than `limit`."""
-    share = limit / max(np.sqrt(v.x * v.x + v.y * v.y), limit)
-    return Vec2(share * v.x, share * v.y)
+def limit_length(v: Vec3, limit: float) -> Vec3:
+    """Return a horizontal vector, scaled down if it is longer than `limit`."""
+    return scale(limit / max(np.sqrt(v.x * v.x + v.y * v.y), limit), v)
 
 
 @inlined

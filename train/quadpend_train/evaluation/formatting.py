@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from quadpend_train.common.text import markdown_text
 from quadpend_train.evaluation.statistics import Interval
 
 
@@ -26,6 +25,6 @@ def format_interval(interval: Interval) -> str:
 
 
 def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table, in whose cells bars, dollar signs and HTML have no meaning."""
+    """Return a Markdown table."""
     lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join(f"| {' | '.join(map(markdown_text, line))} |" for line in lines)
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

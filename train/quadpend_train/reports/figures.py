@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from quadpend_train.common.files import atomic
-from quadpend_train.common.text import figure_text
 
 # Colours of Okabe and Ito, which people with colour-vision deficiencies can distinguish.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -69,9 +68,7 @@ def add_legend(figure: Any, names: tuple[str, ...]) -> None:
     """Add a legend of the policies above a figure."""
     from matplotlib.lines import Line2D
 
-    handles = [
-        Line2D([], [], color=colour(i), linestyle=line(i), label=figure_text(name)) for i, name in enumerate(names)
-    ]
+    handles = [Line2D([], [], color=colour(i), linestyle=line(i), label=name) for i, name in enumerate(names)]
     figure.legend(handles=handles, loc="outside upper center", ncols=min(len(names), 6), frameon=False)
 
 

@@ -14,7 +14,6 @@ from quadpend_gym.viewer.palette import blend
 from quadpend_gym.viewer.picture import Picture, surface_to_array
 from quadpend_gym.viewer.primitives import write
 from quadpend_train.common.files import atomic
-from quadpend_train.common.text import figure_text
 from quadpend_train.evaluation.recording import Recording
 from quadpend_train.reports import figures
 
@@ -119,7 +118,7 @@ def _draw_errors(axis: Any, recordings: Sequence[Recording], period: float, show
     errors = [np.maximum(1e3 * recording.error, _SMALLEST_ERROR) for recording in recordings]
     for i, error in enumerate(errors):
         _draw_curve(axis, error, period, i)
-        axis.lines[-1].set_label(figure_text(recordings[i].name))
+        axis.lines[-1].set_label(recordings[i].name)
     highest = max(float(error[shown].max(initial=10.0)) for error in errors)
     figures.set_log_scale(axis, _SMALLEST_ERROR, highest)
     axis.set_ylabel("error (mm)")

@@ -7,7 +7,6 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from quadpend_train.common.text import figure_text, markdown_text
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
@@ -70,7 +69,7 @@ def terminal_table(title: str, rows: Rows) -> Table:
 def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str:
     """Return a Markdown page: the table of all metrics, a sentence for each policy, and the leaderboard."""
     headings, *body = metric_rows(comparison)
-    lines = "\n".join(f"- {markdown_text(sentence)}" for sentence in sentences(comparison))
+    lines = "\n".join(f"- {sentence}" for sentence in sentences(comparison))
     parts = [markdown_table(headings, body), episodes_note(comparison), lines]
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         parts.append(leaderboard_markdown(standings))
@@ -103,7 +102,7 @@ def plot(comparison: Comparison) -> Any:
     axes = figures.add_axes(figure, rows, columns).ravel()
     for axis, scenario in zip(axes, comparison.scenarios, strict=False):
         draw_errors(axis, comparison, scenario)
-        axis.set_title(figure_text(scenario))
+        axis.set_title(scenario)
     for axis in axes[len(comparison.scenarios) :]:
         axis.set_axis_off()
     figures.add_legend(figure, comparison.policies)
