@@ -100,9 +100,7 @@ from quadpend_baselines.modelling.quantities import (
     divide,
     load_state,
     minus,
-    store_forces,
-    store_reference,
-    store_state,
+    store_vectors,
     turn3,
 )
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
@@ -193,8 +191,7 @@ def begin(m: AdrcMeasurement, model: Pendulum, estimate: Any, lane: int) -> None
     Rates and disturbances are zero, except F̈ = g r_xy and ϑ_z = −g.
     """
     outputs, acceleration = observer_outputs(m, model), _acceleration(m, model)
-    for i in range(OBSERVERS_SIZE):
-        estimate[i, lane] = 0.0
+    estimate[:OBSERVERS_SIZE, lane] = 0.0
     for i in range(len(outputs)):
         estimate[4 * i, lane] = outputs[i]
     estimate[LUENBERGER + 2, lane], estimate[LUENBERGER + NEXT + 2, lane] = acceleration.x, acceleration.y
@@ -288,8 +285,7 @@ def _observe(
         begin(m, model, memory, row)
         if started[row]:
             continue
-        for i in range(4 * bank.shape[0]):
-            out[row, i] = before[row, i]
+        out[row, : 4 * bank.shape[0]] = before[row, : 4 * bank.shape[0]]
         command, seen = load_four(before.T, COMMAND, row), read_measurement(before.T, OBSERVED, row, model, rigid)
         first = observer_inputs(seen, before.T, row, command, numbers, model)
         second = observer_inputs(m, before.T, row, command, numbers, model)
@@ -308,7 +304,7 @@ def _observe(
 def _disturbances(memory: Floats, packed: Floats, packed_model: Floats, out: Floats) -> None:
     numbers, model = unpack_numbers(packed), unpack_pendulum(packed_model)
     for row in range(out.shape[0]):
-        store_forces(out.T, 0, row, estimated_forces(memory.T, row, numbers, model))
+        store_vectors(out.T, 0, row, estimated_forces(memory.T, row, numbers, model))
 
 
 @inlined
@@ -354,8 +350,8 @@ def _commands(
             now[i, row] = 0.0 if started[row] or (i < LOOP and i != AGE) else kept[i, row]
         if not started[row]:
             chosen = load_four(before.T, ACTION, row)
-        store_state(now, 0, row, s)
-        store_reference(now, REFERENCE, row, reference)
+        store_vectors(now, 0, row, s)
+        store_vectors(now, REFERENCE, row, reference)
         now[MASS_RATIO, row] = 1.0
         if rigid is not None:
             store_attitude(now, RIGID_PART, row, s)
@@ -364,12 +360,10 @@ def _commands(
                 thrusts = load_four(kept, RIGID_PART + ROTOR_THRUST, row)
             store_four(now, RIGID_PART + ROTOR_THRUST, row, thrusts)
 
-        for i in range(size):
-            later[row, i] = now[i, row]
-        for i in range(OBSERVERS_SIZE):
-            chains[i, 0] = out[row, i]
+        later[row] = now[:, row]
+        chains[:, 0] = out[row, :OBSERVERS_SIZE]
         then = later.T
-        store_forces(then, PLANT_DISTURBANCE, row, estimated_forces(out.T, row, numbers, model))
+        store_vectors(then, PLANT_DISTURBANCE, row, estimated_forces(out.T, row, numbers, model))
         if loop.parts.shape[0] > 1:
             carry_forward(then, row, chosen, loop, rigid, buffer)
             is_bounded = True
@@ -382,8 +376,7 @@ def _commands(
                 m = measurement_of_state(state, ahead, model, rigid)
                 chains_of_state(state, ahead, m, model, rigid, 1.0, chains, 0)
             else:
-                for i in range(size):
-                    later[row, i] = now[i, row]
+                later[row] = now[:, row]
         state, p, demanded = load_state(then, 0, row), model.physics, adrc(m, chains, 0, numbers, model)
         turning = Vec3(demanded.b / p.inertia_roll, demanded.c / p.inertia_pitch, demanded.d / p.inertia_yaw)
         turning = attitude_accelerations(state, turning, rigid)

@@ -55,9 +55,7 @@ from quadpend_baselines.modelling.quantities import (
     load_forces,
     load_reference,
     load_state,
-    store_forces,
-    store_reference,
-    store_state,
+    store_vectors,
     turn3,
     with_rates,
 )
@@ -272,7 +270,7 @@ def carry_forward(
     for k in range(1, loop.parts.shape[0]):
         advance(memory, lane, action, k, loop, rigid, buffer)
         time += loop.parts[k, 0]
-    store_state(memory, STATE, lane, project_direction(load_state(memory, STATE, lane)))
+    store_vectors(memory, STATE, lane, project_direction(load_state(memory, STATE, lane)))
     store(memory, YAW, lane, Vec3(yaw.x + time * (yaw.y + time / 2.0 * yaw.z), yaw.y + time * yaw.z, yaw.z))
 
 
@@ -421,8 +419,8 @@ def _measure_rows(observation: Floats32, rod_length: float, out: Floats) -> None
     has_rates = observation.shape[1] == OBSERVATION_SIZE
     for row in range(out.shape[0]):
         state, reference = measure(observation.T, row, has_rates, rod_length)
-        store_state(out.T, STATE, row, state)
-        store_reference(out.T, REFERENCE, row, reference)
+        store_vectors(out.T, STATE, row, state)
+        store_vectors(out.T, REFERENCE, row, reference)
 
 
 def measurement_from_observation(observation: Floats32, rod_length: float) -> Estimate:
@@ -472,8 +470,8 @@ def begin(
     state = project_direction(measured if has_rates else with_rates(measured, desired))
     for i in range(LOOP):
         memory[i, lane] = memory[i, lane] if i == AGE else 0.0
-    store_state(memory, STATE, lane, state)
-    store_reference(memory, REFERENCE, lane, reference)
+    store_vectors(memory, STATE, lane, state)
+    store_vectors(memory, REFERENCE, lane, reference)
     memory[MASS_RATIO, lane] = 1.0
     if rigid is not None:
         store_attitude(memory, RIGID_PART, lane, state)
@@ -499,7 +497,7 @@ def correct(
     """
     predicted = load_state(memory, STATE, lane)
     innovation = combine(-1.0, predicted, measured if has_rates else with_rates(measured, predicted))
-    store_state(memory, INNOVATION, lane, innovation)
+    store_vectors(memory, INNOVATION, lane, innovation)
     sine, cosine = sincos(predicted.euler.z)
     x = model_state(innovation, -sine, cosine)
     for i in range(gain.shape[0]):
@@ -508,7 +506,7 @@ def correct(
             total += gain[i, j] * x[j]
         buffer[i, 0] = total
     state = project_direction(combine(1.0, state_of_model(buffer, sine, cosine), predicted))
-    store_state(memory, STATE, lane, state)
+    store_vectors(memory, STATE, lane, state)
     force, bob_force = turn3(load(buffer, _FORCE, 0), sine, cosine), turn3(load(buffer, _BOB_FORCE, 0), sine, cosine)
     torque = load(buffer, _TORQUE, 0)
     if rigid is not None:  # a vector of the world frame
@@ -523,8 +521,8 @@ def correct(
         Vec3(_bounded(d.bob_force.x + bob_force.x), _bounded(d.bob_force.y + bob_force.y), d.bob_force.z),
         Vec3(_bounded(d.torque.x + torque.x), _bounded(d.torque.y + torque.y), _bounded(d.torque.z + torque.z)),
     )
-    store_forces(memory, DISTURBANCE, lane, forces)
-    store_reference(memory, REFERENCE, lane, reference)
+    store_vectors(memory, DISTURBANCE, lane, forces)
+    store_vectors(memory, REFERENCE, lane, reference)
     if rigid is not None:
         store_attitude(memory, RIGID_PART, lane, state)
 

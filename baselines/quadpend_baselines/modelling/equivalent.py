@@ -45,8 +45,7 @@ from quadpend_baselines.modelling.quantities import (
     load_reference,
     load_state,
     minus,
-    store_forces,
-    store_state,
+    store_vectors,
 )
 from quadpend_baselines.modelling.taylor import plus, times
 from quadpend_gym import Parameters, Simulation
@@ -169,7 +168,7 @@ def _follow(reference: Floats, disturbance: Floats, packed: Floats, state: Float
     model = unpack_pendulum(packed)
     for row in range(state.shape[0]):
         desired, feedforward = follow(load_reference(reference.T, 0, row), load_forces(disturbance.T, 0, row), model)
-        store_state(state.T, 0, row, desired)
+        store_vectors(state.T, 0, row, desired)
         store_four(command.T, 0, row, feedforward)
 
 
@@ -187,7 +186,7 @@ def _body_commands(
 def _equivalent_disturbances(disturbance: Floats, packed: Floats, out: Floats) -> None:
     model = unpack_pendulum(packed)
     for row in range(out.shape[0]):
-        store_forces(out.T, 0, row, equivalent_forces(load_forces(disturbance.T, 0, row), model))
+        store_vectors(out.T, 0, row, equivalent_forces(load_forces(disturbance.T, 0, row), model))
 
 
 class EquivalentModel:

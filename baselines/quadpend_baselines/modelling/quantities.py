@@ -67,10 +67,10 @@ def load_state(lanes: Any, first: int, lane: int) -> VehicleState:
 
 
 @inlined
-def store_state(lanes: Any, first: int, lane: int, state: VehicleState) -> None:
-    """Write a state into the 18 fields from `first`."""
-    for i in range(6):
-        store(lanes, first + 3 * i, lane, state[i])
+def store_vectors(lanes: Any, first: int, lane: int, vectors: Any) -> None:
+    """Write a state, a disturbance or a reference into the fields from `first`."""
+    for i in range(len(vectors)):
+        store(lanes, first + 3 * i, lane, vectors[i])
 
 
 @inlined
@@ -79,13 +79,6 @@ def load_forces(lanes: Any, first: int, lane: int) -> Forces:
     return Forces(
         load(lanes, first + FORCE, lane), load(lanes, first + BOB_FORCE, lane), load(lanes, first + TORQUE, lane)
     )
-
-
-@inlined
-def store_forces(lanes: Any, first: int, lane: int, forces: Forces) -> None:
-    """Write a disturbance into the nine fields from `first`."""
-    for i in range(3):
-        store(lanes, first + 3 * i, lane, forces[i])
 
 
 @inlined
@@ -99,13 +92,6 @@ def load_reference(lanes: Any, first: int, lane: int) -> Derivatives:
         load(lanes, first + 12, lane),
         load(lanes, first + 15, lane),
     )
-
-
-@inlined
-def store_reference(lanes: Any, first: int, lane: int, reference: Derivatives) -> None:
-    """Write a reference into the 18 fields from `first`."""
-    for i in range(6):
-        store(lanes, first + 3 * i, lane, reference[i])
 
 
 @inlined

@@ -34,7 +34,7 @@ from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.algorithms import load_model, make_model
+from quadpend_train.training.algorithms import load_actor, load_model, make_model, start_policy
 from quadpend_train.training.callbacks import (
     BEST,
     CHECKPOINT,
@@ -50,7 +50,6 @@ from quadpend_train.training.callbacks import (
 from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
-from quadpend_train.training.start import load_actor, start_policy
 
 SETTINGS, START, PROVENANCE, POLICY = "settings.json", "start.npz", "provenance.json", "policy.npz"
 CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
