@@ -84,8 +84,8 @@ def gains_for(name: str, simulation: Simulation) -> Any:
     """Return the gains of a controller, a key of `DESCRIPTIONS`, for a nominal simulation.
 
     Simulations without a rigid vehicle have the gains `GAINS`, and those with a negative rod length, see
-    `controllers.hanging`, have `HANGING_GAINS`. Others have `RIGID_GAINS`, scaled from the vehicle for which these were
-    tuned.
+    `controllers.controller`, have `HANGING_GAINS`. Others have `RIGID_GAINS`, scaled from the vehicle for which these
+    were tuned.
     """
     if name.endswith(UNPREDICTED):
         gains = gains_for(name.removesuffix(UNPREDICTED), simulation)

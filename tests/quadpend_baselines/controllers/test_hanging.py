@@ -5,7 +5,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import controller
-from quadpend_baselines.controllers.hanging import mirror_simulation
+from quadpend_baselines.controllers.controller import mirror_simulation
 from quadpend_baselines.controllers.lqr import riccati
 from quadpend_baselines.gains import HANGING_GAINS
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise

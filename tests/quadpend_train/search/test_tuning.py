@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from quadpend_baselines import controller
-from quadpend_baselines.controllers.hanging import Hanging, mirror_simulation
+from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
 from quadpend_baselines.gains import GAINS, HANGING_TUNED, TUNED
 from quadpend_gym import Simulation
 from quadpend_gym.scenarios import Scenario

@@ -22,7 +22,7 @@ from gymnasium.vector import VectorEnv
 from optuna.distributions import FloatDistribution
 
 from quadpend_baselines import Policy
-from quadpend_baselines.controllers.hanging import Hanging, mirror_simulation
+from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
 from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.rollout import rollout
