@@ -6,7 +6,7 @@
 the environment's step (`quadpend_gym.engines`). Its signals have names such as ``force[0]`` (docs/linear-model.md):
 u is wind, noise and actions, e the tracking error, y the measurements, and x the vehicle with everything under way.
 
-Small deviations pass rate limits, packet losses, dropouts and sensors with a slower sampling unchanged. Everything is a
+Rate limits do not act on small deviations; random losses of commands and samples are left out. Everything is a
 deviation from hover at ψ = 0 in still air, so the quadratic drag is left out. The extra `control` is needed.
 """
 
@@ -28,12 +28,13 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.sensors import Delay
+from quadpend_gym.sensors import Delay, SampleHold
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
 from quadpend_gym.wind import WIND_SIZE
 
 _STEPS = 2.0**-12, 2.0**-14  # of the differences of a policy; exact in float32
-_SETTLED = 150  # control steps at hover after which the memory of a policy is at rest
+_SETTLED = 150  # control steps at hover after which the memory of a policy must be at rest
+_AT_REST = 1e-3  # largest action at hover
 _LINEAR = 1e-3  # largest relative change of the differences with their step
 _ROUNDING = 1e-9  # of the differences
 _FREQUENCIES = 400  # of the grid on which the margins are searched
@@ -97,7 +98,13 @@ def _register(steps: int, size: int, period: float) -> Any:
 
 
 def vehicle_model(scenario: Scenario) -> Any:
-    """Return the model (1) of a scenario: its vehicle, interface, latency, actuators and sensors at hover."""
+    """Return the model (1) of a scenario: its vehicle, interface, latency, actuators and sensors at hover.
+
+    Raises:
+        ValueError: A sensor is slower than the control loop, which then has no model of one period.
+    """
+    if is_slower(scenario):
+        raise ValueError("a sensor that is slower than the control loop has no linear model of one control period")
     period, measured, one = scenario.period, _measured(scenario), np.eye(ACTION_SIZE)
     steps = sum(model.steps for model in scenario.actuators if isinstance(model, ActionDelay))
     actuators = _register(steps, ACTION_SIZE, period)
@@ -126,6 +133,11 @@ def vehicle_model(scenario: Scenario) -> Any:
     return control.ss(system.A, B, system.C, D, period, **labels, outputs=_names(tracking_error=3) + measured)
 
 
+def is_slower(scenario: Scenario) -> bool:
+    """Return whether a sensor of a scenario has no new sample at every control step."""
+    return any(isinstance(model, SampleHold) and model.steps(scenario.period) > 1 for model in scenario.sensors)
+
+
 def close_loop(vehicle: Any, policy: Any) -> Any:
     """Return the closed loop from wind and noise to the tracking error, a `control.StateSpace`.
 
@@ -140,19 +152,19 @@ def close_loop(vehicle: Any, policy: Any) -> Any:
 class Margins(NamedTuple):
     """How much one common change of all actions the loop tolerates; 0 if the loop is unstable without a change."""
 
-    growth: float  # largest magnitude of a pole of the closed loop, which is unstable from 1 on
+    spectral_radius: float  # largest magnitude of a pole of the closed loop, which is unstable from 1 on
     delay: float  # s
-    phase: float  # rad
+    phase: float  # smallest lag or lead, rad
     gain: tuple[float, float]  # smallest and largest factor
-    sensitivity: float  # peak of the largest singular value of (1 + L)⁻¹ at the actions
+    sensitivity: float  # peak M_S of the largest singular value of (1 + L)⁻¹ at the actions
 
 
 def margins(vehicle: Any, policy: Any) -> Margins:
     """Return the margins of a loop, see `close_loop` for the arguments.
 
-    At an eigenvalue λ of the loop L(e^{jωT}) with |λ| = 1, a phase lag arg(−λ) or a delay arg(−λ)/ω at all actions
-    leads to oscillations. A delay that is no whole number of periods differs from e^{−jωτ} by O((ωT)²), since actions
-    are held: it is 1.1 times as large for `flatness` on the paper's vehicle.
+    At an eigenvalue λ of the loop L(e^{jωT}) with |λ| = 1, a phase lag arg(−λ) (a lead, if it is negative) or a delay
+    arg(−λ)/ω at all actions leads to oscillations. A delay that is no whole number of periods differs from e^{−jωτ} by
+    O((ωT)²), since actions are held: it is 1.1 times as large for `flatness` on the paper's vehicle.
     """
     period = float(vehicle.dt)
     plant = vehicle[-policy.ninputs :, -policy.noutputs :]
@@ -195,7 +207,8 @@ def linear_policy(policy: Policy, scenario: Scenario) -> Any:
     """Return the linear model of a policy from the measurements to the actions, a `control.StateSpace`; None: none.
 
     It is the central difference of `predict` and of the memory that it returns, at the memory after 1.5 s at hover. A
-    policy has no linear model if the difference depends on its step, for example because of a sign or a random number.
+    policy has no linear model if it does not stay at hover, such as a network whose action there is not zero, or if the
+    difference depends on its step, for example because of a sign or a random number.
 
     Args:
         policy: The policy, already adapted to the scenario.
@@ -210,7 +223,9 @@ def linear_policy(policy: Policy, scenario: Scenario) -> Any:
         rest, slope = rest[OUTPUT_FEEDBACK_COLUMNS], slope[OUTPUT_FEEDBACK_COLUMNS]
     memory, count = None, len(measured)
     for step in range(_SETTLED):
-        _, memory = policy.predict(rest[np.newaxis].astype(np.float32), memory, np.array([step == 0]))
+        action, memory = policy.predict(rest[np.newaxis].astype(np.float32), memory, np.array([step == 0]))
+    if np.abs(action).max() > _AT_REST or not _has_known_form(memory):
+        return None
     size = count + sum(part.shape[1] for part in _numbers(memory))
     differences = []
     for step_size in _STEPS:
@@ -222,7 +237,10 @@ def linear_policy(policy: Policy, scenario: Scenario) -> Any:
         for numbers in _numbers(start):
             numbers += change[:, first : first + numbers.shape[1]]
             first += numbers.shape[1]
-        action, after = policy.predict(observation, start, ~every)
+        with np.errstate(invalid="ignore"):
+            action, after = policy.predict(observation, start, ~every)
+        if not np.isfinite(action).all():  # no memory is that far from rest
+            return None
         plus, minus = np.split(np.hstack([action, *_numbers(after)], dtype=np.float64), 2)
         differences.append(np.nan_to_num((plus - minus).T / (2.0 * step_size)))
     coarse, fine = differences
@@ -242,6 +260,13 @@ def _linked(A: Floats, states: Any) -> Any:
     for _ in A:
         states = states | A[:, states].any(axis=1)
     return states
+
+
+def _has_known_form(memory: Any) -> bool:
+    """Return whether a memory consists of arrays, in tuples of any depth."""
+    if isinstance(memory, tuple):
+        return all(map(_has_known_form, memory))
+    return memory is None or isinstance(memory, np.ndarray)
 
 
 def _numbers(memory: Any) -> list[Any]:

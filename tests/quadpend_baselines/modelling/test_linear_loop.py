@@ -16,7 +16,9 @@ pytest.importorskip("control", reason="control is not installed: pip install 'qu
 import control
 
 from quadpend_baselines.modelling.linear_loop import close_loop, linear_policy, margins, vehicle_model
+from quadpend_gym.tasks.observation import OBSERVATION_FIELDS
 from quadpend_train.evaluation.stability import loop_margins
+from quadpend_train.policies.conversion import as_policy
 
 
 def test_margins_of_a_double_integrator() -> None:
@@ -49,6 +51,42 @@ def test_delay_margin_is_that_of_a_search_in_time() -> None:
         growth.append(max(errors[-third:]) / max(errors[third : 2 * third]))
     assert growth[0] < 0.5
     assert growth[1] > 1.5
+
+
+def test_gain_margin_and_sensitivity_of_an_integrator() -> None:
+    """L = k T/(z − 1) is stable for 0 < k T < 2, and |1 + L| is smallest at z = −1, where it is 1 − k T/2."""
+    period, gain = 0.01, 40.0
+    vehicle = control.ss([[1.0]], [[0.0, period]], [[1.0], [1.0]], 0.0, period)  # with a disturbance and an error
+    found = margins(vehicle, control.ss([], [], [], [[-gain]], period))
+    assert found.spectral_radius == pytest.approx(1.0 - gain * period)
+    assert found.gain == pytest.approx((0.0, 2.0 / (gain * period)), rel=1e-5)
+    assert found.sensitivity == pytest.approx(1.0 / (1.0 - gain * period / 2.0), rel=1e-6)
+
+
+class Proportional:
+    """A policy of a user: the torques follow the measured pole; a constant thrust of `offset`."""
+
+    def __init__(self, offset: float) -> None:
+        self.offset = offset
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):  # type: ignore[no-untyped-def]
+        action = np.zeros((len(observation), 4), np.float32)
+        action[:, 0], action[:, 2] = self.offset, observation[:, OBSERVATION_FIELDS["direction"].start]
+        return action, None
+
+
+def test_a_policy_of_a_user_has_a_linear_model_if_it_stays_at_hover() -> None:
+    scenario = Scenario()
+    model = linear_policy(as_policy(Proportional(0.0)).adapt(scenario), scenario)
+    assert (model.D != 0.0).sum() == 1
+    assert linear_policy(as_policy(Proportional(0.1)).adapt(scenario), scenario) is None
+
+
+def test_a_slower_sensor_has_no_linear_model() -> None:
+    slow = Scenario(sensors=[{"kind": "sample_hold", "period": 0.03}])
+    with pytest.raises(ValueError, match="slower than the control loop"):
+        vehicle_model(slow)
+    assert loop_margins({"lqr": [controller("lqr")]}, {"slow": slow}) == {}
 
 
 def test_names_delays_and_outputs_of_the_model() -> None:

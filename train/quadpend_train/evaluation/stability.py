@@ -18,8 +18,9 @@ def loop_margins(learners: Mapping[str, list[Policy]], scenarios: Mapping[str, S
     """
     if not (find_spec("control") and find_spec("casadi")):
         return {}
-    from quadpend_baselines.modelling.linear_loop import linear_policy, margins, vehicle_model
+    from quadpend_baselines.modelling.linear_loop import is_slower, linear_policy, margins, vehicle_model
 
+    scenarios = {name: scenario for name, scenario in scenarios.items() if not is_slower(scenario)}
     vehicles: dict[str, Any] = {}
     loops: dict[tuple[str, str], Any] = {}
     for scenario in scenarios.values():
@@ -30,8 +31,8 @@ def loop_margins(learners: Mapping[str, list[Policy]], scenarios: Mapping[str, S
                 continue
             model = linear_policy(policy.adapt(scenario), scenario)
             loops[key, name] = found = model and margins(vehicles[key], model)
-            if found and found.growth >= 1.0:
-                factor = found.growth ** (1.0 / scenario.period)
+            if found and found.spectral_radius >= 1.0:
+                factor = found.spectral_radius ** (1.0 / scenario.period)
                 text = "%s is unstable on %s: small deviations from hover grow by a factor of %.3g each second"
                 logger.warn(text, name, scenario.vehicle.name, factor)
     cells = {(scenario, name): loops[_loop(scenarios[scenario]), name] for scenario in scenarios for name in learners}

@@ -39,8 +39,6 @@ class ObjectPolicy(Policy):
     Of a model, the normalisation and the sizes of its observations may be known.
     """
 
-    has_linear_model = False  # its memory may have any form
-
     def __init__(
         self, value: Any, normalization: Normalization | None = None, observation_sizes: tuple[int, ...] | None = None
     ) -> None:

@@ -239,11 +239,11 @@ class Flights:
     def product(self, arguments: Sequence[Floats], adjoints: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
         """Return the adjoints of flights, beliefs and actions, see `compiled_steps`.
 
-        The norm of each row of `adjoints`, without that of the costs, is limited first; it grows without bound while a
-        row falls.
+        The adjoints of each row, without that of the costs, are first scaled so that the norm of that of the state is
+        limited; it grows without bound while a row falls.
         """
         flight, costs, *seen = adjoints
-        norm = np.sqrt(sum(np.einsum("ij,ij->i", item, item) for item in (flight, *seen)))[:, np.newaxis]
+        norm = np.linalg.norm(flight[:, :STATE_SIZE], axis=1, keepdims=True)
         share = np.minimum(self._limit / (norm + 1e-12), 1.0)
         limited = share * flight, costs, *(share * item for item in seen)
         results = [_call(product, rows, *arguments, *limited) for rows, *_, product in self._parts]
