@@ -10,7 +10,10 @@ import pytest
 import torch
 from stable_baselines3.common.callbacks import CallbackList
 
-from quadpend_gym import RewardWeights
+from quadpend_baselines import controller
+from quadpend_gym import OBSERVATION_FIELDS, RewardWeights
+from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START
 from quadpend_train.training.algorithms import load_model, make_model
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
@@ -19,9 +22,6 @@ from tests.helpers.envs import assert_same
 from tests.helpers.training import train_policy, trained_arrays
 
 LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
-WRONG = json.dumps({"wind": "windy", "parameters": {"share": 0.3}})
-RIGID = json.dumps({"vehicle": "hummingbird", "wind": "windy", "parameters": {"share": 0.2}})
-LATE = json.dumps({"vehicle": "hummingbird", "interface": "body_rates", "latency": 0.015})
 CURVE = {"kind": "sinusoids", "terms": [{"amplitude": 0.3, "frequency": 1.0}]}
 DELAYED = json.dumps({"sensors": {"kind": "delay", "steps": 3}})
 BRIEF = TrainSettings(
@@ -89,30 +89,55 @@ def test_gradient_of_the_cost_equals_a_finite_difference(scenario: str, base_con
         assert found[i] == pytest.approx(expected, rel=0.01, abs=tolerance * float(np.abs(found).max()))
 
 
-@pytest.mark.parametrize(
-    ("scenario", "base_controller"),
-    [
-        (WRONG, "dual-mode"),
-        (json.dumps({"actuators": [{"kind": "action_delay", "steps": 2}], "loop_known": False}), "dual-mode"),
-        (json.dumps({"task": {"trajectory": CURVE}}), ""),
-        (RIGID, "dual-mode"),
-        (LATE, "flatness"),
-    ],
-    ids=["wrong-parameters", "unknown-delay", "trajectory", "rigid", "latency"],
-)
-def test_gradient_of_a_window_points_along_finite_differences(scenario: str, base_controller: str) -> None:
-    """For all weights, in random directions: with an observer that does not know all, and for rigid vehicles."""
-    apg, hybrid = (
-        replace(BRIEF.apg, max_state_gradient=1e9),
-        HybridSettings(base_controller, situation=base_controller == "dual-mode"),
-    )
-    model, env = model_and_env(replace(BRIEF, scenarios=(scenario,), hybrid=hybrid, max_episode_steps=30, apg=apg))
+def wrong_and_late(**vehicle: Any) -> dict[str, Any]:
+    """Return a scenario with masses 20 % above those that the observer knows, and a latency of 1.5 periods."""
+    nominal = Scenario(**vehicle).simulation.parameters
+    masses = {name: [1.2 * getattr(nominal, name)] * 2 for name in ("quadrotor_mass", "bob_mass")}
+    return {**vehicle, "wind": "windy", "parameters": masses, "latency": 0.015}
+
+
+HUMMINGBIRD = {"vehicle": "hummingbird", "interface": "body_rates"}
+WINDOWS: dict[str, dict[str, Any]] = {
+    "paper": {"wind": "windy"},
+    "paper, wrong and late": wrong_and_late(),
+    "hummingbird": {**HUMMINGBIRD, "wind": "windy"},
+    "hummingbird, wrong and late": wrong_and_late(**HUMMINGBIRD),
+    "unknown delay": {"actuators": [{"kind": "action_delay", "steps": 2}], "loop_known": False},
+    "noise, no velocities": {
+        "task": {"trajectory": CURVE},
+        "sensors": {"kind": "noise", "position": 1e-3, "euler": 1e-3},
+        "output_feedback": True,
+    },
+}
+
+
+def linear_feedback(scenario: Scenario) -> Any:
+    """Return the gain of `lqr` near hover, from the estimated state in an observation to the action, shape (18, 4)."""
+    law = controller("lqr", Scenario(vehicle=scenario.vehicle, interface=scenario.interface).simulation)
+    hover, change = np.zeros(OBSERVATION_SIZE), 1e-3 * np.eye(OBSERVATION_SIZE)
+    hover[OBSERVATION_FIELDS["direction"].stop - 1] = 1.0
+    ends = [law.predict((hover + sign * change).astype(np.float32))[0] for sign in (1.0, -1.0)]
+    return torch.as_tensor(ends[0] - ends[1])[:REFERENCE_START] / 2e-3
+
+
+@pytest.mark.parametrize("name", WINDOWS)
+def test_gradient_of_a_window_points_along_finite_differences(name: str) -> None:
+    """For all weights of a random network that is added to `lqr`, in random directions, with the observer in the loop.
+
+    Small changes, since a window crosses a kink where an action reaches its bounds.
+    """
+    scenario, apg = WINDOWS[name], replace(BRIEF.apg, max_state_gradient=1e9, window=50)
+    settings = replace(BRIEF, scenarios=(json.dumps(scenario),), hybrid=HybridSettings("dual-mode", situation=True))
+    model, env = model_and_env(replace(settings, num_envs=4, max_episode_steps=50, apg=apg))
+    gain, network = linear_feedback(Scenario(**scenario)), model._mean_action
+    model._mean_action = lambda observation: network(observation) + observation[:, :REFERENCE_START] @ gain
     cost(model, env)
+    assert model._falls == 0
     torch.autograd.backward(model._cost)
     weights = [item for item in model.policy.parameters() if item.grad is not None]
     found, expected, generator = [], [], torch.Generator().manual_seed(0)
     for _ in range(6):
-        direction = [0.003 * torch.randn(item.shape, generator=generator) for item in weights]
+        direction = [5e-4 * torch.randn(item.shape, generator=generator) for item in weights]
         found.append(sum(float((item.grad * change).sum()) for item, change in zip(weights, direction, strict=True)))
         values = []
         for step in (1.0, -2.0, 1.0):  # forwards, backwards, and back to the start
@@ -122,7 +147,7 @@ def test_gradient_of_a_window_points_along_finite_differences(scenario: str, bas
             values.append(cost(model, env))
         expected.append((values[0] - values[1]) / 2.0)
     assert np.dot(found, expected) >= 0.99 * np.linalg.norm(found) * np.linalg.norm(expected)
-    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(expected), rel=0.1)
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(expected), rel=0.05)
 
 
 def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
