@@ -40,5 +40,5 @@ class MyController:
         command = command - np.hstack([error, rotate(integral, -yaw, 0)]) @ self.gain.T
         tracking = measured.state[:, :3] + self.rod * measured.state[:, 12:15] * [1.0, 1.0, 0.0]
         integral = np.clip(integral + self.simulation.period * tracking, -0.5, 0.5)
-        action, _ = to_action(command, self.simulation)  # N and N·m to [-1, 1]
+        action = to_action(command, self.simulation)  # N and N·m to [-1, 1]
         return (action[0] if np.ndim(observation) == 1 else action), integral

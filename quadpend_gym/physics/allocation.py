@@ -36,8 +36,6 @@ from quadpend_gym.physics.vectors import (
 )
 from quadpend_gym.vehicles import Simulation, hover_wrench
 
-_LAGS = 1.0  # H in units of L
-
 
 @lru_cache(maxsize=64)
 def _design(simulation: Simulation) -> tuple[Floats, Floats, Floats]:
@@ -50,7 +48,7 @@ def _response(simulation: Simulation) -> tuple[float, float, float]:
     """Return the factor of w_d − w in equation (1), and 1/a (1/s) and b of equation (2)."""
     rotors = simulation.vehicle.rotors
     lag = 0.0 if rotors is None else 0.5 * sum(rotors.lags)
-    horizon = max(simulation.period, _LAGS * lag)
+    horizon = max(simulation.period, lag)
     share = 1.0 if lag == 0.0 else 1.0 + lag / horizon * np.expm1(-horizon / lag)
     step = simulation.period / simulation.substeps
     loop, decay = make_rigid_settings(simulation).loop, np.exp(-step / lag) if lag > 0.0 else 0.0
@@ -73,7 +71,7 @@ def _limited(action: float) -> float:
 
 @compiled
 def _rigid_actions(
-    command: Floats, rigid: Floats, packed: Floats, hover: Floats, response: Floats, out: Floats32, reached: Floats
+    command: Floats, rigid: Floats, packed: Floats, hover: Floats, response: Floats, out: Floats32
 ) -> None:
     settings = unpack_rigid(packed)
     rotors, scales, inertia = settings.rotors, settings.command_scale, settings.loop.inertia
@@ -92,7 +90,6 @@ def _rigid_actions(
             now.c + response[0] * (demanded.c - now.c),
             now.d + response[0] * (demanded.d - now.d),
         )
-        store_four(reached.T, 0, row, demanded)
         for i in range(4):
             out[row, i] = _limited((wrench[i] - hover[i]) / scales[i])
         if settings.interface == BODY_RATES:
@@ -111,15 +108,14 @@ def _rigid_actions(
                 out[row, i] = _limited(change / (high - middle if change > 0.0 else middle - low))
 
 
-def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
-    """Return the actions for demanded thrusts (N) and torques (N·m), and what the rotors can reach, shapes (n, 4).
+def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> Floats32:
+    """Return the actions for demanded thrusts (N) and torques (N·m), shape (n, 4).
 
     The torques are about the body's axes; `rigid` is the memory of the vehicles, shape (n, 11), see `rigid_kernel`.
     """
-    out, reached = np.empty(command.shape, np.float32), np.empty(command.shape)
-    wanted, start = np.ascontiguousarray(command), np.ascontiguousarray(rigid)
-    _rigid_actions(wanted, start, *_design(simulation), out, reached)
-    return out, reached
+    out = np.empty(command.shape, np.float32)
+    _rigid_actions(np.ascontiguousarray(command), np.ascontiguousarray(rigid), *_design(simulation), out)
+    return out
 
 
 @compiled

@@ -23,12 +23,10 @@ _HOVER = np.eye(COMMAND_SIZE)[THRUST]
 
 
 @compiled
-def _actions(command: Floats, scale: Floats, action: Floats32, attained: Floats) -> None:
+def _actions(command: Floats, scale: Floats, action: Floats32) -> None:
     for row in range(command.shape[0]):
         for i in range(COMMAND_SIZE):
-            hover = scale[i] * _HOVER[i]
-            action[row, i] = min(max((command[row, i] - hover) / scale[i], -1.0), 1.0)
-            attained[row, i] = hover + scale[i] * action[row, i]
+            action[row, i] = min(max((command[row, i] - scale[i] * _HOVER[i]) / scale[i], -1.0), 1.0)
 
 
 class EulerPlant:
@@ -55,23 +53,18 @@ class EulerPlant:
 
         Rigid vehicles: their mean over a control period that begins with `memory`, by default at hover.
         """
-        scale = self.simulation.command_scale
-        return np.asarray(scale * _HOVER + scale * action)
+        return np.asarray(self._scale * _HOVER + self._scale * action)
 
-    def actions_for(self, command: Floats, memory: Floats | None = None) -> tuple[Floats32, Floats]:
-        """Return the actions that make demanded thrust (N) and torques (N·m), and what these actions make.
+    def actions_for(self, command: Floats, memory: Floats | None = None) -> Floats32:
+        """Return the actions that make demanded thrust (N) and torques (N·m), clipped to [−1, 1], shape (n, 4).
 
         Args:
             command: Demanded thrust and torques about the axes of the body, shape (n, 4).
             memory: Memory at the time when the action begins to act; None: hover.
-
-        Returns:
-            Actions clipped to [−1, 1], shape (n, 4), and their thrust and torques, shape (n, 4); for rigid vehicles
-            those within the limits of the rotors, without their lag.
         """
-        action, attained = np.empty(command.shape, np.float32), np.empty(command.shape)
-        _actions(command, self._scale, action, attained)
-        return action, attained
+        action = np.empty(command.shape, np.float32)
+        _actions(command, self._scale, action)
+        return action
 
     def advance(
         self,
@@ -123,7 +116,7 @@ class RigidPlant(EulerPlant):
         return mean_wrench(action, self._hovering(len(action)) if memory is None else memory, self.simulation)
 
     @override
-    def actions_for(self, command: Floats, memory: Floats | None = None) -> tuple[Floats32, Floats]:
+    def actions_for(self, command: Floats, memory: Floats | None = None) -> Floats32:
         start = self._hovering(len(command)) if memory is None else memory
         return rigid_actions(command, start, self.simulation)
 

@@ -57,7 +57,7 @@ from quadpend_gym.physics.rigid_body import (
     rigid_physics,
     store_body,
 )
-from quadpend_gym.physics.rigid_settings import RigidSettings, hover_thrusts_of, unpack_rigid
+from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings, unpack_rigid
 from quadpend_gym.physics.rotors import (
     BODY_RATES,
     ROTOR_THRUSTS,
@@ -307,7 +307,7 @@ def advance_rigid(
 
 
 @compiled
-def _rigid_memory(state: Floats, hover: Floats, memory: Floats) -> None:
+def _rigid_memory(state: Floats, hover: Four, memory: Floats) -> None:
     for row in range(state.shape[0]):
         euler, rate = load(state.T, EULER, row), load(state.T, EULER_RATE, row)
         store_four(memory.T, QUATERNION, row, quaternion_from_euler(euler))
@@ -318,5 +318,5 @@ def _rigid_memory(state: Floats, hover: Floats, memory: Floats) -> None:
 def rigid_from_state(state: Floats, simulation: Simulation) -> Floats:
     """Return quaternion, body rate and the rotor thrusts at hover, shape (n, 11), for states of shape (n, 18)."""
     memory = np.empty((len(state), RIGID_SIZE))
-    _rigid_memory(np.ascontiguousarray(state), hover_thrusts_of(simulation), memory)
+    _rigid_memory(np.ascontiguousarray(state), make_rigid_settings(simulation).rotors.hover, memory)
     return memory

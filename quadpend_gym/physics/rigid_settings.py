@@ -37,15 +37,10 @@ def _symmetric(a: Floats) -> Symmetric:
     return Symmetric(*a[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist())
 
 
-def hover_thrusts_of(simulation: Simulation) -> Floats:
-    """Return the thrusts of the rotors at hover (N); without rotors thrust (N) and torques (N·m); shape (4,)."""
-    return np.array(make_rigid_settings(simulation).rotors.hover)
-
-
 @lru_cache(maxsize=128)
 def make_rigid_settings(simulation: Simulation) -> RigidSettings:
     """Return the settings of a simulation whose vehicle is rigid."""
-    vehicle, step = simulation.vehicle, simulation.period / max(simulation.substeps, 1)
+    vehicle, step = simulation.vehicle, simulation.period / simulation.substeps
     inertia = vehicle.inertia_matrix
     size = np.sqrt(np.diag(inertia))
     correlation = inertia / np.outer(size, size)

@@ -15,7 +15,7 @@ from quadpend_baselines.estimation.estimator import LOOP, Estimate
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import Hybrid
 from quadpend_baselines.modelling.equivalent import equivalent_model
-from quadpend_baselines.policy.protocol import episode_start_mask, to_action
+from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
@@ -134,7 +134,7 @@ def simulate_with_true_state(
     for step in range(steps):
         measurement = measurement_of(state, reference, step * simulation.period)
         command, memory = law.command(true_estimate(measurement, disturbance), memory)
-        _, command = to_action(command, simulation)
+        command = to_command(to_action(command, simulation), simulation)
         callback(measurement, command, memory)
         advance(state, command, disturbances, parameters, simulation.period, simulation.substeps)
     return state

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
-from quadpend_gym.physics.rigid_settings import hover_thrusts_of
+from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.vehicles import Simulation, Vehicle
 from tests.helpers.mujoco_engine import Comparison
@@ -114,7 +114,7 @@ def command_of(action: Floats, simulation: Simulation) -> Floats:
         scale = simulation.command_scale
         return np.asarray(scale * (action + np.array([1.0, 0.0, 0.0, 0.0])) + trim)
     low, high = vehicle.rotors.thrust
-    hover = hover_thrusts_of(simulation)
+    hover = np.array(make_rigid_settings(simulation).rotors.hover)
     return np.asarray(np.where(action > 0.0, hover + action * (high - hover), hover + action * (hover - low)))
 
 

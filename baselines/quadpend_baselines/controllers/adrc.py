@@ -477,12 +477,11 @@ class ADRC(Controller):
         _observe(last, observation, self._bank, self._packed, *self._prediction.numbers, memory)
         command = self.command(last, observation, memory, later)
         if not size:
-            action, memory[:, COMMAND:ACTION] = to_action(command, self.simulation)
-            memory[:, ACTION:OBSERVED] = action
+            action = to_action(command, self.simulation)
         else:
-            wanted, _ = to_action(command, self.simulation, later[:, RIGID_PART : RIGID_PART + RIGID_SIZE])
+            wanted = to_action(command, self.simulation, later[:, RIGID_PART : RIGID_PART + RIGID_SIZE])
             action = np.nan_to_num(self._prediction.compensate(wanted, later))
-            self._apply(memory, action)
+        self._apply(memory, action)
         return action, memory
 
     def command(self, last: Any, observation: Floats32, memory: Floats, later: Floats) -> Floats:

@@ -200,7 +200,7 @@ class Nmpc:
         has_rotors = simulation.vehicle.rotors is not None
         thrusts = np.linalg.solve(mixing(simulation.vehicle), command.T).T if has_rotors else command
         memory[:, ROTOR_THRUST:] = thrusts[:, : self.size - MODEL_STATE_SIZE]
-        action, _ = plant.actions_for(command, memory)
+        action = plant.actions_for(command, memory)
         return Horizon(
             self._coordinates(state, memory).reshape(rows, steps, -1),
             action.astype(np.float64).reshape(rows, steps, -1)[:, :-1],

@@ -104,7 +104,7 @@ class OutputFeedback(Controller):
         else:
             if nominal is not estimate:
                 command[:, THRUST] *= mass_ratio
-            wanted, _ = to_action(command, self.simulation, estimate.rigid)
+            wanted = to_action(command, self.simulation, estimate.rigid)
         action = prediction.compensate(wanted, estimate.array)
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
 

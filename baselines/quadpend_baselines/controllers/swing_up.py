@@ -166,7 +166,7 @@ class SwingUp(Controller):
         share = np.clip(vertical / _UPRIGHT, 0.0, 1.0) ** 2  # less thrust while it points sideways, none downwards
         thrust = p.total_mass * lift * share / np.maximum(vertical, _LEAST_VERTICAL)
         command = np.column_stack([thrust, self._torques(s, measurement, tangent)])
-        return to_action(command, self.simulation)[0]
+        return to_action(command, self.simulation)
 
     def _torques(self, s: State, measurement: Estimate, tangent: Floats) -> Floats:
         """Return the torques that turn the thrust axis towards a direction with a tangent, N·m, shape (n, 3)."""

@@ -20,7 +20,7 @@ from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.estimation.chains import OBSERVERS_SIZE, AdrcMeasurement, make_measurement
 from quadpend_baselines.estimation.observers import characteristic_polynomial
 from quadpend_baselines.modelling.quantities import Derivatives
-from quadpend_baselines.policy.protocol import to_action
+from quadpend_baselines.policy.protocol import to_action, to_command
 from quadpend_gym import PAPER, Reference, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
@@ -121,7 +121,8 @@ class ContinuousLoop:
         policy, measurement = self.policy, self._measure(loop[:STATE_SIZE], reference)
         lanes = loop[STATE_SIZE:].reshape(-1, 1)
         command = adrc.adrc(measurement, lanes, 0, policy.numbers, policy.model.numbers)
-        return measurement, to_action(np.array([command]), policy.simulation)[1]
+        action = to_action(np.array([command]), policy.simulation)
+        return measurement, to_command(action, policy.simulation)
 
     def _rate(self, loop: Floats, reference: Floats, disturbance: Floats) -> Floats:
         """Return the rates of change of the loop."""

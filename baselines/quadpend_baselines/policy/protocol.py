@@ -120,7 +120,7 @@ def _map(function: Any, one: Any, other: Any) -> Any:
     return type(one)(*parts) if hasattr(one, "_fields") else tuple(parts)
 
 
-def to_action(command: Floats, simulation: Simulation, rigid: Floats | None = None) -> tuple[Floats32, Floats]:
+def to_action(command: Floats, simulation: Simulation, rigid: Floats | None = None) -> Floats32:
     """Return the actions for demanded thrust and torques, see `actions_for` of `quadpend_gym.physics.plants`."""
     return plant_of(simulation).actions_for(command, rigid)
 

@@ -86,7 +86,7 @@ def estimates(recording: Recording, gains: EstimatorGains, has_rates: bool, p: P
     measurements = [measurement if has_rates else without_rates(measurement) for measurement, _ in recording]
     out = [observer.observe(measurements[0])]
     for measurement, (_, command) in zip(measurements[1:], recording[:-1], strict=True):
-        out.append(observer.observe(measurement, out[-1], to_action(command, observer.simulation)[0]))
+        out.append(observer.observe(measurement, out[-1], to_action(command, observer.simulation)))
     return out
 
 

@@ -19,9 +19,7 @@ def test_to_action_inverts_to_command_exactly() -> None:
         thrust = simulation.parameters.hover_thrust
         assert_allclose(command[:, 0], thrust * (1.0 + actions[:, 0]), rtol=1e-6)
         assert_array_equal(to_command(np.zeros((1, 4), np.float32), simulation), [[thrust, 0.0, 0.0, 0.0]])
-        again, applied = to_action(command, simulation)
-        assert_array_equal(again, actions)
-        assert_array_equal(applied, command)
+        assert_array_equal(to_action(command, simulation), actions)
 
 
 def test_replace_rows_works_through_tuples_of_arrays() -> None:

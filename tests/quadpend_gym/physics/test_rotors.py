@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST
-from quadpend_gym.physics.rigid_settings import hover_thrusts_of, pack_rigid, unpack_rigid
+from quadpend_gym.physics.rigid_settings import make_rigid_settings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.rotors import allocate
 from quadpend_gym.physics.vectors import load_four, store_four
 from quadpend_gym.vehicles import VEHICLES, Pole, RateLoop, Simulation, Vehicle, mixing
@@ -87,7 +87,7 @@ def test_thrusts_follow_their_commands_as_first_order_lags_that_differ_up_and_do
     rotors = replace(rotors_of(vehicle), lag_up=0.03, lag_down=0.08)
     simulation = Simulation(vehicle=replace(vehicle, rotors=rotors), interface="rotors", period=0.05, substeps=10)
     action = np.array([0.7, -0.6, 0.2, -0.1])
-    hover, (low, high) = hover_thrusts_of(simulation), rotors.thrust
+    hover, (low, high) = np.array(make_rigid_settings(simulation).rotors.hover), rotors.thrust
     wanted = np.where(action > 0.0, hover + action * (high - hover), hover + action * (hover - low))
 
     def rate(_: float, thrust: Floats) -> Floats:
@@ -105,7 +105,11 @@ def test_the_rotors_interface_commands_lowest_hover_and_highest_thrusts(action: 
     simulation = Simulation(vehicle=vehicle, interface="rotors")
     low, high = rotors_of(vehicle).thrust
     thrusts = start(simulation, at_rest()).after(np.full(4, action)).memory[0, ROTOR_THRUST:]
-    expected = {"lowest": np.full(4, low), "hover": hover_thrusts_of(simulation), "highest": np.full(4, high)}
+    expected = {
+        "lowest": np.full(4, low),
+        "hover": np.array(make_rigid_settings(simulation).rotors.hover),
+        "highest": np.full(4, high),
+    }
     assert_allclose(thrusts, expected[place], rtol=1e-12)
 
 
