@@ -21,6 +21,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.factories import call_factory, find_factory
+from quadpend_gym.core.jit import compiled
 from quadpend_gym.core.models import Model, Registry
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
@@ -179,12 +180,13 @@ class Loads(Addable):
         return bool(self.load[WIND_FIELDS["velocity"]].any())
 
 
+@compiled
 def add_rotated(out: Floats, axis: int, vector: Any, factor: Floats, cosine: Floats, sine: Floats) -> None:
     """Rotate factor · vector about the vertical, from x towards y, and add it to the columns of `out` from `axis`.
 
     The components of the vector are numbers or arrays of shape (n,); factor, cosine and sine have the shape (n,).
     """
-    x, y, z = vector
+    x, y, z = vector[0], vector[1], vector[2]
     out[:, axis] += factor * (cosine * x - sine * y)
     out[:, axis + 1] += factor * (sine * x + cosine * y)
     out[:, axis + 2] += factor * z

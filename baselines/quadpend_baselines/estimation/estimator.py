@@ -50,6 +50,7 @@ from quadpend_baselines.modelling.quantities import (
     Derivatives,
     Forces,
     VehicleState,
+    bob_offset,
     calm,
     combine,
     load_forces,
@@ -76,7 +77,7 @@ from quadpend_gym.physics.rigid_kernel import (
     integrate_rigid,
 )
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, POSITION, STATE_SIZE, VELOCITY, State
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, POSITION, STATE_SIZE, VELOCITY
 from quadpend_gym.physics.vectors import Four, Vec3, load, store, store_four
 from quadpend_gym.tasks.observation import (
     OBSERVATION_FIELDS,
@@ -433,22 +434,22 @@ def measurement_from_observation(observation: Floats32, rod_length: float) -> Es
     return Estimate(out)
 
 
+@compiled
+def _observation_rows(estimate: Floats, rod_length: float, out: Floats32) -> None:
+    for row in range(out.shape[0]):
+        s = load_state(estimate.T, STATE, row)
+        attitude = Vec3(s.euler.x, s.euler.y, s.euler.z - float(np.float32(estimate[row, YAW])))
+        fields = (*bob_offset(s, rod_length), s.direction, s.direction_rate, attitude, s.euler_rate)
+        for i in range(REFERENCE_START):
+            out[row, i] = fields[i // 3][i % 3] / OBSERVATION_SCALE[i]
+        for i in range(REFERENCE_START, OBSERVATION_SIZE):
+            out[row, i] = estimate[row, REFERENCE - REFERENCE_START + i] / OBSERVATION_SCALE[i]
+
+
 def observation_of(estimate: Estimate, rod_length: float) -> Floats32:
     """Convert estimates into observations with velocities, the inverse of `measurement_from_observation`."""
-    s, to_bob = State(estimate.state), rod_length * np.array([1.0, 1.0, 0.0])
     out = np.empty((len(estimate.array), OBSERVATION_SIZE), np.float32)
-    out[:, REFERENCE_START:] = estimate.array[:, REFERENCE:MASS_RATIO] / OBSERVATION_SCALE[REFERENCE_START:]
-    yaw_reference = read_observation(out, "yaw_reference")[:, :1] * [0.0, 0.0, 1.0]
-    for name, value in {
-        "tracking_error": s.position + to_bob * s.direction,
-        "tracking_error_rate": s.velocity + to_bob * s.direction_rate,
-        "direction": s.direction,
-        "direction_rate": s.direction_rate,
-        "attitude": s.euler - yaw_reference,
-        "euler_rate": s.euler_rate,
-    }.items():
-        columns = OBSERVATION_FIELDS[name]
-        out[:, columns] = value / OBSERVATION_SCALE[columns]
+    _observation_rows(estimate.array, rod_length, out)
     return out
 
 

@@ -89,9 +89,7 @@ def episode_start_mask(episode_start: Any, first: bool, rows: int) -> Booleans:
 
     `episode_start` is the argument of `predict`; `first` is whether it is called without a memory.
     """
-    if first or episode_start is None:
-        return np.full(rows, first)
-    return np.broadcast_to(np.asarray(episode_start, np.bool_), (rows,))
+    return np.full(rows, first if first or episode_start is None else episode_start, np.bool_)
 
 
 def select_rows(rows: Booleans, then: Any, otherwise: Any) -> Any:

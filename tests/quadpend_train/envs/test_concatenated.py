@@ -41,7 +41,7 @@ def parts() -> list[VectorEnv[Any, Any, Any]]:
 def joined(values: list[Any]) -> Any:
     """Arrays, or mappings of arrays, of the parts after one another."""
     if isinstance(values[0], dict):
-        return {name: joined([value[name] for value in values]) for name in values[0]}
+        return {name: joined([value[name] for value in values]) for name in values[0] if name[0] != "_"}
     return np.concatenate(values)
 
 

@@ -14,8 +14,8 @@ from quadpend_gym.wrappers import last_observations, replace_final_observations
 class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     """The sub-environments of several vector environments, in the order of `envs`.
 
-    The info has only ``tracking_error``, ``tilt`` and ``reward_terms``, beside the keys of same-step autoreset. The
-    parts are QuadPendulum vector environments or concatenations of them, with same-step autoreset.
+    The info has only ``tracking_error``, ``tilt`` and ``reward_terms``, without masks, beside the keys of same-step
+    autoreset. The parts are QuadPendulum vector environments or concatenations of them, with same-step autoreset.
     """
 
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
@@ -52,16 +52,15 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step every sub-environment."""
         results = [env.step(actions[rows]) for env, rows in zip(self.envs, self._rows, strict=True)]
-        observation, reward, terminated, truncated = (
-            np.concatenate([result[item] for result in results]) for item in range(4)
-        )
-        info = _concatenate([result[4] for result in results])
+        *arrays, infos = zip(*results, strict=True)
+        observation, reward, terminated, truncated = map(np.concatenate, arrays)
+        info = _concatenate(infos)
         ended = terminated | truncated
         if ended.any():
             last = [last_observations(obs, part, fell | ran_out) for obs, _, fell, ran_out, part in results]
             replace_final_observations(info, ended, np.concatenate(last))
             # The rows of an environment in which no episode ended are masked, so its ordinary info fills them.
-            final_infos = [part.get("final_info", part) for *_, part in results]
+            final_infos = [part.get("final_info", part) for part in infos]
             info |= {"final_info": _concatenate(final_infos), "_final_info": ended}
         return observation, reward, terminated, truncated, info
 
@@ -83,5 +82,5 @@ def _concatenate(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
     terms = [info["reward_terms"] for info in infos]
     return {
         **{name: np.concatenate([info[name] for info in infos]) for name in ("tracking_error", "tilt")},
-        "reward_terms": {name: np.concatenate([term[name] for term in terms]) for name in terms[0]},
+        "reward_terms": {name: np.concatenate([term[name] for term in terms]) for name in terms[0] if name[0] != "_"},
     }

@@ -31,7 +31,7 @@ class SB3VecEnv(VecEnv):
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, np.int64)
         self._start_time = time.perf_counter()
-        self._sums: dict[str, float] = {}
+        self._sums: dict[str, Any] = {}  # of each sub-environment, shape (num_envs,)
         self._steps = 0
 
     def reset(self) -> Any:
@@ -61,11 +61,11 @@ class SB3VecEnv(VecEnv):
         """
         observation, reward, terminated, truncated, vector_info = self.env.step(self._actions)
         self._steps += 1
-        terms = {name: value.mean() for name, value in vector_info.get("reward_terms", {}).items() if name[0] != "_"}
+        terms = {name: value for name, value in vector_info.get("reward_terms", {}).items() if name[0] != "_"}
         if "tracking_error" in vector_info:  # only QuadPendulum environments have it
-            terms["tracking_error"] = np.linalg.norm(vector_info["tracking_error"], axis=1).mean()
-        for name, mean in terms.items():
-            self._sums[name] = self._sums.get(name, 0.0) + mean
+            terms["tracking_error"] = np.linalg.norm(vector_info["tracking_error"], axis=1)
+        for name, values in terms.items():
+            self._sums[name] = self._sums.get(name, 0.0) + values
         self._returns += reward
         self._lengths += 1
         ended = terminated | truncated
@@ -89,7 +89,7 @@ class SB3VecEnv(VecEnv):
         The means are over all sub-environments and over the steps since the last call. At a step that ends an episode
         they include the first values of the next episode, because the info of the vector environment has these.
         """
-        means = {name: float(total) / self._steps for name, total in self._sums.items()}
+        means = {name: float(total.mean()) / self._steps for name, total in self._sums.items()}
         self._sums, self._steps = {}, 0
         return means
 
