@@ -8,7 +8,7 @@ import pytest
 from quadpend_gym import Simulation
 from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
 
-ca = pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
+ca = casadi = pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
 
 from quadpend_gym import engines  # noqa: E402
 
@@ -62,6 +62,14 @@ def test_arguments_of_different_length_are_refused() -> None:
     function = engines.CompiledFunction(engines.reference_function())
     with pytest.raises(ValueError, match="arguments must have 3 rows"):
         function(np.zeros((2, 20)), np.zeros((3, 1)))
+
+
+def test_arguments_have_their_zeros() -> None:
+    """The adjoint of a result with zeros has as few entries as the result, but rows have all columns."""
+    x = casadi.SX.sym("x", 2)
+    function = casadi.Function("f", [x], [casadi.vertcat(x[0], casadi.SX(1, 1), x[1])], ["x"], ["y"])
+    product = engines.CompiledFunction(function.factory("product", ["x", "adj:y"], ["adj:x"]))
+    np.testing.assert_array_equal(product(np.ones((1, 2)), np.array([[1.0, 2.0, 3.0]]))[0], [[1.0, 3.0]])
 
 
 def test_one_sentence_says_that_a_compiler_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
