@@ -16,24 +16,10 @@ from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.task import TASKS
 from quadpend_train.evaluation.episodes import EpisodeResults
+from quadpend_train.evaluation.recovery import settling_times
 
 HOVER_HEIGHT = 2.0  # m, of the hover point above the origin
-SETTLED_ERROR = 0.05  # m
-REST = 1.0  # s at the end of an episode, during which the error must be below `SETTLED_ERROR`
 CALM, CALM_HOVER = Scenario(), Scenario(TASKS["hover"])
-
-
-def settling_times(survived: Booleans, error: Any, period: float) -> Floats:
-    """Return the time after which the error stays below `SETTLED_ERROR`, s, shape (s, n).
-
-    It is nan for an episode that has not settled: after a fall, or if the error is not below the limit during the last
-    second, or during the whole of a shorter episode. The error after each step has the shape (s, n, T), in m.
-    """
-    outside = ~(error < SETTLED_ERROR)
-    steps = outside.shape[-1]
-    last = np.where(outside.any(axis=-1), steps - np.argmax(outside[..., ::-1], axis=-1), 0)  # steps until it stays
-    settled = survived & (last <= max(steps - round(REST / period), 0))
-    return np.where(settled, period * last, np.nan)
 
 
 class GridAxis(NamedTuple):

@@ -15,7 +15,6 @@ from gymnasium.vector import AutoresetMode
 
 from experiments.pages import CACHE, DOCS, fill, options, with_survival
 from experiments.perturbations import Fields, PerturbationAxis
-from experiments.recovery import settling_times
 from experiments.robustness import draw_axis
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym.core.arrays import Floats
@@ -25,6 +24,7 @@ from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.tasks.trajectories import Reference
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
+from quadpend_train.evaluation.recovery import settling_times
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
 from quadpend_train.evaluation.table import Cell, cells
 from quadpend_train.reports import figures

@@ -29,7 +29,7 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
     """Return the scenarios and the sets of a TOML or JSON file.
 
     The file has the fields of one `Scenario`, or the tables ``scenarios`` (scenarios by name), ``sets`` (names of
-    scenarios by the name of the set) and ``defaults`` (fields of all scenarios).
+    scenarios, or of sets of scenarios, by the name of the set) and ``defaults`` (fields of all scenarios).
     """
     try:
         data = read_mapping(path)
@@ -39,10 +39,14 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
         scenarios = {
             name: parse(Scenario, {"name": name, **file.defaults, **own}, name) for name, own in file.scenarios.items()
         }
-        for name, members in file.sets.items():
+        sets = {
+            name: tuple(one for item in items for one in file.sets.get(item, (item,)))
+            for name, items in file.sets.items()
+        }
+        for name, members in sets.items():
             if unknown := set(members) - scenarios.keys():
                 raise ValueError(f"the set {name!r} has no scenario {min(unknown)!r}{suggest(min(unknown), scenarios)}")
-        return scenarios, dict(file.sets)
+        return scenarios, sets
     except OSError as error:
         raise ValueError(f"the scenario file {str(path)!r} cannot be read: {error.strerror}") from error
     except ValueError as error:

@@ -23,6 +23,7 @@ from quadpend_gym.vehicles.simulation import Interface
 from quadpend_gym.vehicles.vehicle import VehicleField
 from quadpend_gym.wind import PRESETS, Rescaled, as_wind
 from quadpend_gym.wind.base import WINDS
+from quadpend_gym.wind.steady import Rising
 
 __all__ = ["Scenario", "scenario_data"]
 
@@ -59,6 +60,8 @@ class Scenario:
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
     substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
     duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0  # length of an episode
+    wind_rise: Annotated[float, Range(0.0, 1e6, "s")] = 0.0  # the wind is multiplied by min(t/wind_rise, 1); 0: by 1
+    unscored: Annotated[float, Range(0.0, 1e7, "s")] = 0.0  # at the beginning, where no error counts but falls do
     output_feedback: Annotated[bool, Strict()] = False  # whether the observation has no velocities
     loop_known: Annotated[bool, Strict()] = True  # whether controllers know the delays, lags and rate limits above
     name: str = field(default="", compare=False)
@@ -69,6 +72,8 @@ class Scenario:
             check_feasible(self.task.trajectory, self.simulation, self.task.side)
         check_chain(self.actuators, self.simulation)
         check_periods(self.sensors, self.period)
+        if self.unscored_steps >= self.steps:
+            raise ValueError(f"unscored must be less than the duration of {self.duration:g} s, not {self.unscored:g} s")
 
     @cached_property
     def simulation(self) -> Simulation:
@@ -77,8 +82,9 @@ class Scenario:
 
     @cached_property
     def wind_models(self) -> tuple[Any, ...]:
-        """The models of the wind; those of presets are scaled for the vehicle."""
-        return wind_models(self.wind, self.simulation)
+        """The models of the wind; those of presets are scaled for the vehicle, and they rise with `wind_rise`."""
+        models = wind_models(self.wind, self.simulation)
+        return tuple(Rising(model, self.wind_rise) for model in models) if self.wind_rise else models
 
     @property
     def observation_size(self) -> int:
@@ -89,6 +95,11 @@ class Scenario:
     def steps(self) -> int:
         """Number of control steps of an episode: it ends with the first one at or after `duration`."""
         return math.ceil(self.duration / self.period * (1.0 - 1e-9))
+
+    @property
+    def unscored_steps(self) -> int:
+        """Number of control steps that end within `unscored`."""
+        return math.floor(self.unscored / self.period * (1.0 + 1e-9))
 
     def with_vehicle(self, vehicle: Any = None, interface: str | None = None) -> "Scenario":
         """Return the scenario with another vehicle, another command interface, or both.

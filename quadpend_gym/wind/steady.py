@@ -1,4 +1,4 @@
-"""Constant and sinusoidal winds, still air, winds of random strength and heading, and scaled winds."""
+"""Constant and sinusoidal winds, still air, winds of random strength and heading, scaled and rising winds."""
 
 from typing import Annotated, Any, Literal
 
@@ -139,3 +139,20 @@ class Rescaled(Composite):
     def torque_factors(self) -> tuple[float, ...]:
         """The factors of the torques about x, y and z."""
         return tuple(np.broadcast_to(self.scale if self.torque_scale is None else self.torque_scale, 3).tolist())
+
+
+@settings
+class Rising(Composite):
+    """A wind that begins with still air: it is multiplied by min(t/rise, 1), see `Scenario.wind_rise`.
+
+    Its random numbers are those of the wind without the rise.
+    """
+
+    wind: Annotated[Any, WindField]
+    rise: Annotated[float, Range(1e-6, 1e6, "s")]
+
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Add the wind, multiplied by the factor in the middle of the control period."""
+        wind = np.zeros((WIND_SIZE, step.size)).T
+        super().sample(wind, memory, step, period, streams)
+        out += np.minimum((step + 0.5) * period / self.rise, 1.0)[:, np.newaxis] * wind

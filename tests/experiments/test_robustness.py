@@ -13,9 +13,9 @@ from experiments.recovery import (
     START_GRIDS,
     RecoveryMap,
     largest_recovered,
-    settling_times,
 )
 from experiments.robustness import tolerance_limit, tolerated_range
+from quadpend_train.evaluation.recovery import settling_times
 from quadpend_train.evaluation.statistics import Interval
 
 

@@ -10,7 +10,7 @@ from quadpend_gym.scenarios.library import shipped
 
 def short(name: str, duration: float) -> Scenario:
     """Return a scenario with shorter episodes; `duration` in s."""
-    return replace(find_scenario(name), duration=duration)
+    return replace(find_scenario(name), duration=duration, unscored=0.0)
 
 
 def shorten_scenarios(monkeypatch: pytest.MonkeyPatch, duration: float) -> None:

@@ -23,6 +23,7 @@ from quadpend_gym.scenarios import (
     scenario_data,
 )
 from quadpend_gym.wind import as_wind
+from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.own_code import write_module
 from tests.helpers.sources import ROOT
 
@@ -42,6 +43,8 @@ EVERYTHING: dict[str, Any] = {
     "loop_known": False,
     "task": {"start": {"direction": 0.2}, "references": {"height": [1.0, 3.0]}},
     "duration": 0.1,
+    "wind_rise": 0.05,
+    "unscored": 0.04,
 }
 
 
@@ -103,6 +106,35 @@ def test_training_and_held_out_sets_have_only_the_calm_scenario_in_common(of: st
     refuse_held_out([f"training{of}"])
     with pytest.raises(ValueError, match="held out"):
         refuse_held_out([f"test{of}"])
+
+
+def test_the_flight_benchmark_has_four_parts_and_no_test_scenario_in_its_training_set() -> None:
+    parts = [SETS[f"flight-{name}"] for name in ("wind", "loop", "vehicle", "motion")]
+    assert SETS["flight"] == tuple(name for part in parts for name in part)
+    held_out = [*find_scenarios(["flight", "recovery-flight"]).values()]
+    assert not [scenario for scenario in find_scenarios("training-flight").values() if scenario in held_out]
+    assert all((item.wind_rise, item.unscored, item.duration) == (1.0, 2.0, 12.0) for item in held_out[:-7])
+    refuse_held_out(["training-flight"])
+    for name in ("flight", "flight-wind", "recovery-flight"):
+        with pytest.raises(ValueError, match="held out"):
+            refuse_held_out([name])
+
+
+def test_the_wind_of_a_scenario_rises_and_that_of_a_wrapper_does_not() -> None:
+    """Forces, torques and velocities are those of the sudden wind times min(t/wind_rise, 1), bit for bit after it."""
+    wind = [{"kind": "drawn", "wind": {"kind": "dryden"}}, {"kind": "ornstein_uhlenbeck", "force": 1.0, "torque": 0.1}]
+    sudden, rising = (gym.make("quadpend_gym:QuadPendulum-v0", wind=wind, wind_rise=rise) for rise in (0.0, 0.2))
+    action = np.zeros(4, np.float32)
+    for env in (sudden, rising):
+        env.reset(seed=3)
+    for step in range(30):
+        full, found = (env.unwrapped.world.wind for env in (sudden, rising))  # type: ignore[attr-defined]
+        assert_allclose(found, min((step + 0.5) * 0.01 / 0.2, 1.0) * full, rtol=1e-12)
+        assert step < 20 or (found == full).all()
+        sudden.step(action), rising.step(action)
+    wrapped = WindWrapper(gym.make("quadpend_gym:QuadPendulum-v0", wind_rise=0.2), {"kind": "constant", "force": 0.1})
+    wrapped.reset(seed=0)
+    assert_array_equal(wrapped.unwrapped.world.wind[0, :3], 0.1)  # type: ignore[attr-defined]
 
 
 def test_presets_of_wind_are_relative_to_the_weight_and_exactly_themselves_for_the_papers_vehicle() -> None:

@@ -1,5 +1,6 @@
 """Comparisons are fair, their intervals are correct, and the commands for them run."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,20 @@ def test_metrics_agree_with_the_errors_of_the_steps() -> None:
     np.testing.assert_allclose(np.sqrt(np.nanmean(results.error**2, axis=-1)), results.rmse, rtol=1e-5)
     late = np.sqrt(np.mean(results.error[..., 500:] ** 2, axis=-1))
     np.testing.assert_allclose(late, results.settled_rmse, rtol=1e-5)
+
+
+def test_errors_count_after_the_unscored_beginning_and_falls_always() -> None:
+    scored = short("windy", 3.0)
+    results, other = (run_episodes([ADRC()], replace(scored, unscored=s), 5) for s in (1.0, 0.0))
+    np.testing.assert_array_equal(results.error, other.error)
+    np.testing.assert_allclose(results.rmse, np.sqrt(np.mean(results.error[..., 100:] ** 2, axis=-1)), rtol=1e-5)
+    np.testing.assert_allclose(results.settled_rmse, results.rmse)
+    fallen = run_episodes([ZeroThrust()], replace(scored, unscored=2.0), 5)
+    assert not fallen.survived.any()
+    assert np.isnan(fallen.rmse).all()
+    np.testing.assert_array_equal(fallen.penalised_rmse, 1.0)
+    with pytest.raises(ValueError, match="unscored must be less than the duration of 3 s"):
+        replace(scored, unscored=3.0)
 
 
 def test_the_table_has_a_row_for_each_episode_and_its_csv_is_read_back(

@@ -72,7 +72,10 @@ def evaluate(
         console.print(note)
     for sentence in tables.sentences(comparison):
         console.print(f"• {sentence}")
-    if len(comparison.policies) > 1:
+    if comparison.ranking:
+        title = "Survival first; then the error of survivors, geometric mean over the scenarios"
+        console.print(tables.terminal_table(title, tables.ranking_rows(comparison)))
+    elif len(comparison.policies) > 1:
         title = "Means over all scenarios with equal weights; wins and losses by Holm's method"
         console.print(tables.terminal_table(title, tables.leaderboard_rows(made.leaderboard)))
     console.print(f"Written: {out}/{', '.join(report.FILES)}")

@@ -17,8 +17,10 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.factories import split_name
 from quadpend_gym.scenarios import Scenario, as_scenario, find_scenarios, scenario_data
 from quadpend_train.common.provenance import provenance
+from quadpend_train.evaluation.cost import call_time
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.jobs import Job, run_jobs
+from quadpend_train.evaluation.ranking import RankingRow, ranking
 from quadpend_train.evaluation.stability import loop_margins
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import Cell, cells, rows, summarise
@@ -42,6 +44,7 @@ class Comparison:
     scenarios: dict[str, Scenario]
     learners: dict[str, list[Policy]]  # one controller, or the training seeds of one learner
     margins: dict[Cell, Any] = field(default_factory=dict)  # of the linear loops, see `loop_margins`
+    references: Mapping[str, float] = field(default_factory=dict)  # of scenarios, m, see `ranking`
 
     @property
     def policies(self) -> tuple[str, ...]:
@@ -52,6 +55,18 @@ class Comparison:
     def summaries(self) -> dict[Cell, dict[str, Interval]]:
         """Metrics by the names of scenario and policy, see `summarise`."""
         return {cell: summarise(values) for cell, values in cells(self.table).items()}
+
+    @cached_property
+    def ranking(self) -> list[RankingRow]:
+        """The ranking of several policies by survival and error, if all scenarios have an unscored beginning."""
+        is_ranked = len(self.policies) > 1 and all(scenario.unscored for scenario in self.scenarios.values())
+        return ranking(self.table, self.references) if is_ranked else []
+
+    @cached_property
+    def call_times(self) -> dict[str, float]:
+        """Median time of a call of each policy in the first scenario, s, measured on this machine."""
+        scenario = next(iter(self.scenarios.values()))
+        return {name: call_time(policies[0], scenario) for name, policies in self.learners.items()}
 
 
 def compare(

@@ -28,18 +28,19 @@ class EpisodeResults(NamedTuple):
     """Metrics of n episodes for s policies: the training seeds of one learner, or one controller.
 
     A fall is an early termination. An episode without a fall is survived: it lasts for the duration of the scenario,
-    which is `Scenario.steps` control steps (T).
+    which is `Scenario.steps` control steps (T). Its scored steps are those after `Scenario.unscored`, by default all.
 
     Attributes:
         survived: Whether the episode was survived, shape (s, n).
         steps: Number of steps of the episode, shape (s, n).
-        rmse: Root mean square of the error over these steps, m, shape (s, n). The error is the norm of the tracking
-            error. In tasks with `RewardWeights.pendulum_first`, where the pendulum is first to be brought to its side,
-            the distance of the bob from its place relative to the quadrotor is added as another component.
+        rmse: Root mean square of the error over the scored ones of these steps, m, shape (s, n); nan without any. The
+            error is the norm of the tracking error. In tasks with `RewardWeights.pendulum_first`, where the pendulum is
+            first to be brought to its side, the distance of the bob from its place relative to the quadrotor is added
+            as another component.
         penalised_rmse: `rmse`, but at most 1 m, and 1 m for a fall, so that falling is never better than surviving; m,
             shape (s, n).
         settled_rmse: Root mean square of the error over the second half of the episode, in which the start has little
-            influence, m; nan for a fall; shape (s, n).
+            influence, or over the scored steps if not all are scored, m; nan for a fall; shape (s, n).
         largest_tilt: Largest angle of the pendulum from its side, rad, shape (s, n).
         effort: Root mean square of the norm of the action, shape (s, n).
         episode_return: Sum of the rewards times the control period divided by 0.01 s, shape (s, n). So it is at most
@@ -64,19 +65,22 @@ def run_episodes(
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
     options: dict[str, Any] | None = None,
+    known: Scenario | None = None,
 ) -> EpisodeResults:
     """Run `episodes` episodes with each policy; episode k has the seed `seed` + k.
 
     The policies, or what `as_policy` takes, are one controller or the training seeds of one learner. `options` are
-    those of the environment's reset, such as a start for each episode.
+    those of the environment's reset, such as a start for each episode. The policies are designed for the scenario
+    `known`, by default the one that they fly.
     """
     scenario = find_scenario(scenario)
     results, lengths = [], np.full(episodes, scenario.steps)
     for policy in policies:
-        flown = as_policy(policy).adapt(scenario)
+        flown = as_policy(policy).adapt(known or scenario)
         env = flown.wrap(scenario.make_vec(episodes, AutoresetMode.SAME_STEP))
         steps = rollout(flown, env, seed, options)
-        results.append(collect_results(steps, lengths, scenario.simulation.period, pendulum_arm(scenario)))
+        arguments = lengths, scenario.period, pendulum_arm(scenario), scenario.unscored_steps
+        results.append(collect_results(steps, *arguments))
     return EpisodeResults(*(np.stack(parts) for parts in zip(*results, strict=True)))
 
 
@@ -87,12 +91,12 @@ def pendulum_arm(scenario: Scenario) -> float:
 
 
 def collect_results(
-    rollout_steps: Iterable[RolloutStep], lengths: Integers, period: float, arm: float = 0.0
+    rollout_steps: Iterable[RolloutStep], lengths: Integers, period: float, arm: float = 0.0, unscored: Any = 0
 ) -> EpisodeResults:
     """Compute the metrics of a rollout of n sub-environments; the arrays have no axis for training seeds.
 
     Their episodes are truncated after `lengths` steps, shape (n,). `period` is the control period, s, and `arm` that of
-    `pendulum_arm`, m.
+    `pendulum_arm`, m. `unscored` is the number of steps at the beginning whose errors do not count, or one for each.
     """
     episodes = len(lengths)
     survived, steps = np.zeros(episodes, np.bool_), np.zeros(episodes, np.int64)
@@ -107,11 +111,13 @@ def collect_results(
         episode_return[running] += step.reward[running]
         steps += running
         survived |= step.survived
-    rmse = np.sqrt(np.nansum(error**2, axis=0) / steps)
-    settled = np.empty(episodes)
-    for length in np.unique(lengths):
-        rows = lengths == length
-        settled[rows] = np.sqrt(np.mean(np.compress(rows, error[length // 2 : length], axis=1) ** 2, axis=0))
+    unscored = np.broadcast_to(unscored, episodes)
+    scored = np.where(np.arange(len(error))[:, np.newaxis] >= unscored, error, np.nan)
+    rmse = np.sqrt(np.nansum(scored**2, axis=0) / np.where(steps > unscored, steps - unscored, np.nan))
+    settled, begins = np.empty(episodes), np.where(unscored > 0, unscored, lengths // 2)
+    for begin, length in set(zip(begins.tolist(), lengths.tolist(), strict=True)):
+        rows = (begins == begin) & (lengths == length)
+        settled[rows] = np.sqrt(np.mean(np.compress(rows, error[begin:length], axis=1) ** 2, axis=0))
     return EpisodeResults(
         survived,
         steps,

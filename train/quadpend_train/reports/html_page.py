@@ -19,7 +19,7 @@ from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import METRICS
 from quadpend_train.reports import figures
-from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, sentences
+from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, ranking_rows, sentences
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
 
@@ -46,6 +46,7 @@ def write(
             for name in comparison.scenarios
         },
         standings=standings,
+        ranking=ranking_rows(comparison) if comparison.ranking else None,
         episodes_note=episodes_note(comparison),
         sentences=sentences(comparison),
         metrics={name: METRICS[name] for name in METRIC_COLUMNS},

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
-from quadpend_train.evaluation.formatting import format_interval, markdown_table
+from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.evaluation.table import METRICS
@@ -55,6 +55,21 @@ def leaderboard_rows(standings: Sequence[LeaderboardRow], bound: LeaderboardRow 
     return rows
 
 
+def ranking_rows(comparison: Comparison) -> Rows:
+    """Return the ranking of a comparison; the policies without a rank survive significantly less than the best."""
+    reference = "reference" if comparison.references.keys() >= comparison.scenarios.keys() else "best policy's"
+    headings = ("rank", "policy", "survival (%)", "worst survival (%)", f"error (multiple of the {reference})")
+    rows: Rows = [(*headings, "effort", "call (µs)", "delay margin (ms)")]
+    for rank, row in enumerate(comparison.ranking, 1):
+        worst = f"{format_interval(row.worst_survival)} {row.worst_scenario}"
+        found = [comparison.margins.get((scenario, row.policy)) for scenario in comparison.scenarios]
+        margin = min((1000.0 * margins.delay for margins in found if margins), default=np.nan)
+        numbers = row.effort, 1e6 * comparison.call_times[row.policy], margin
+        intervals = format_interval(row.survival), worst, format_interval(row.multiple)
+        rows.append([str(rank) if row.is_safe else "–", row.policy, *intervals, *map(format_number, numbers)])
+    return rows
+
+
 def terminal_table(title: str, rows: Rows) -> Table:
     """Return rows as a table for the terminal, with a line between the scenarios."""
     table = Table(title=Text(title))
@@ -71,7 +86,10 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str
     headings, *body = metric_rows(comparison)
     lines = "\n".join(f"- {sentence}" for sentence in sentences(comparison))
     parts = [markdown_table(headings, body), episodes_note(comparison), lines]
-    if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
+    if comparison.ranking:
+        headings, *body = ranking_rows(comparison)
+        parts.append(markdown_table(headings, body))
+    elif len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         parts.append(leaderboard_markdown(standings))
     return "\n\n".join(part for part in parts if part) + "\n"
 

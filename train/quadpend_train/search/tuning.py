@@ -109,8 +109,10 @@ def fly(policy: Policy, env: VectorEnv[Any, Any, Any], scenarios: Sequence[Scena
     episodes = env.num_envs // len(scenarios)
     seeds = [seed + episode for _ in scenarios for episode in range(episodes)]
     lengths = np.repeat([scenario.steps for scenario in scenarios], episodes)
+    unscored = np.repeat([scenario.unscored_steps for scenario in scenarios], episodes)
     first = scenarios[0]
-    return collect_results(rollout(policy, env, seeds), lengths, first.simulation.period, pendulum_arm(first))
+    arguments = lengths, first.simulation.period, pendulum_arm(first), unscored
+    return collect_results(rollout(policy, env, seeds), *arguments)
 
 
 def score(

@@ -1,0 +1,91 @@
+"""The flight benchmark starts on the reference and ranks by survival, then by multiples of a reference error."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from quadpend_baselines import controller
+from quadpend_gym.scenarios import Scenario, find_scenario
+from quadpend_train.evaluation.cost import call_time
+from quadpend_train.evaluation.delay_budget import delay_budget
+from quadpend_train.evaluation.episodes import run_episodes
+from quadpend_train.evaluation.ranking import multiple, ranking
+from quadpend_train.evaluation.recovery import recovery
+from quadpend_train.reports.tables import ranking_rows
+from tests.helpers.policies import synthetic_comparison, synthetic_results
+
+RANDOM = np.random.default_rng(0)
+
+
+def draw(size: float) -> np.ndarray:
+    return size * RANDOM.uniform(0.5, 1.5, 100)
+
+
+@pytest.mark.parametrize("vehicle", ["paper", "hummingbird"])
+def test_a_start_without_deviations_is_on_the_reference(vehicle: str) -> None:
+    """Position and velocity are exact, and a tracking controller makes no transient beyond the first order in tilt."""
+    start = dict.fromkeys(("position", "velocity", "angle", "angle_rate", "direction", "direction_rate"), 0.0)
+    references = {"hover": 0.0, "acceleration": [1.0, 1.0]}
+    scenario = Scenario(task={"start": start, "references": references}, vehicle=vehicle, duration=0.1)
+    env = scenario.make_vec(8)
+    _, info = env.reset(seed=0)
+    assert_allclose(info["tracking_error"], 0.0, atol=1e-12)
+    results = run_episodes([controller("flatness")], scenario, 8)
+    assert results.error.max() < 0.002
+
+
+def test_survival_ranks_first_and_then_the_multiple_of_the_reference() -> None:
+    """A policy that falls often is last however small its error; one that falls once is not."""
+    once, often = np.arange(100) != 7, np.arange(100) % 5 != 0
+    found = synthetic_comparison(
+        steady=[synthetic_results(draw(0.02)), synthetic_results(draw(0.08))],
+        precise=[synthetic_results(draw(0.01), once), synthetic_results(draw(0.04))],
+        reckless=[synthetic_results(draw(0.001), often), synthetic_results(draw(0.001))],
+    )
+    rows = ranking(found.table, {"s0": 0.01, "s1": 0.04})
+    assert [row.policy for row in rows] == ["precise", "steady", "reckless"]
+    assert [row.is_safe for row in rows] == [True, True, False]
+    for row, value in zip(rows, (1.04, 2.08, 0.045), strict=True):  # the root mean square of uniform numbers
+        assert row.multiple.value == pytest.approx(value, rel=0.2)
+        assert row.multiple.low < value < row.multiple.high or row.policy == "reckless"
+    assert rows[2].worst_scenario == "s0"
+    assert ranking(found.table)[0].multiple.value == pytest.approx(1.0)  # relative to the best safe policy
+    flight = {name: replace(scenario, unscored=1.0) for name, scenario in found.scenarios.items()}
+    assert not found.ranking
+    ranked = ranking_rows(replace(found, scenarios=flight))
+    assert ranked[0][4] == "error (multiple of the best policy's)"
+    assert [row[0] for row in ranked[1:]] == ["1", "2", "–"]
+
+
+def test_the_interval_of_a_multiple_covers_it_and_a_scenario_without_survivors_has_none() -> None:
+    truth, covered = np.sqrt(1.0 + 1.0 / 12.0), 0
+    for _ in range(100):
+        _, low, high = multiple([draw(1.0)[np.newaxis], draw(3.0)[np.newaxis]], [1.0, 3.0])
+        covered += low < truth < high
+    assert covered > 85
+    assert np.isnan(multiple([np.full((1, 5), np.nan), np.ones((1, 5))], [1.0, 1.0]).value)
+
+
+def test_recovery_is_the_share_that_settles_and_when() -> None:
+    results = synthetic_results(np.ones(3), [True, True, False])
+    results.error[:] = 0.5
+    results.error[0, 0, 200:] = results.error[0, 2, 100:] = 0.01
+    share, time = recovery(results, 0.01)
+    assert share.value == pytest.approx(100.0 / 3.0)
+    assert time.value == pytest.approx(2.0)
+
+
+def test_the_delay_budget_is_where_a_policy_that_is_not_told_begins_to_fall() -> None:
+    """LQR of the vehicle with torques tolerates some delay, and its linear loop about as much."""
+    scenario = replace(find_scenario("flight_breeze"), duration=4.0)
+    budget = delay_budget(controller("lqr"), scenario, 10, longest=0.2)
+    assert 0.01 < budget < 0.2
+    assert budget / 0.0025 == pytest.approx(round(budget / 0.0025))
+    assert delay_budget(controller("lqr"), scenario, 10, longest=0.0025) == np.inf
+    assert delay_budget(controller("lqr"), replace(scenario, wind={"kind": "constant", "force": 90.0}), 4) == 0.0
+
+
+def test_the_time_of_a_call_is_measured() -> None:
+    assert 1e-6 < call_time(controller("lqr"), Scenario(), 20) < 0.1
