@@ -9,8 +9,12 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings, suggest
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.vehicles import PARAMETER_NAMES, Parameters
+from quadpend_gym.vehicles import PARAMETER_NAMES, Parameters, Simulation
+from quadpend_gym.vehicles.simulation import MOST_DELAYED
+from quadpend_gym.vehicles.vehicle import FASTEST_LOOP
 
+LOOP_NAMES = ("latency", "rate_loop", "rotor_lag", "thrust")
+_Factors = Annotated[Interval | None, Range(0.05, 20.0)]
 _Mass = Annotated[Interval | None, Range(1e-10, 1e4, "kg")]
 _Inertia = Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")]
 _Area = Annotated[Interval | None, Range(0.0, 100.0, "m²")]
@@ -77,6 +81,49 @@ def as_ranges(value: Any) -> ParameterRanges | Around:
     if isinstance(value, Around) or (isinstance(value, Mapping) and "share" in value):
         return parse(Around, value, "ranges")
     return parse(ParameterRanges, value, "ranges")
+
+
+@settings
+class LoopRanges:
+    """Intervals of what lies between an action and the thrust, drawn for each episode; None: the nominal value.
+
+    Controllers know the nominal values: those of the scenario and its vehicle.
+    """
+
+    latency: Annotated[Interval | None, Range(0.0, 1.0, "s")] = None  # to the moment when an action acts; rounded
+    # to whole substeps
+    jitter: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # half width of the change of the latency from step to step
+    rate_loop: _Factors = None  # factors of the time constant of the rate loop
+    rotor_lag: _Factors = None  # factors of the time constants of the rotors
+    thrust: _Factors = None  # factors of thrust and torques under the same command, as by the voltage of the battery
+
+    def __post_init__(self) -> None:
+        if not self.jitter and not any(getattr(self, name) for name in LOOP_NAMES):
+            raise ValueError(f"at least one of {', '.join(LOOP_NAMES)} and jitter must be given")
+
+    def check(self, simulation: Simulation) -> None:
+        """Refuse what a simulation does not have, and what its vehicle cannot be."""
+        vehicle, rotors, interface = simulation.vehicle, simulation.vehicle.rotors, simulation.interface
+        lag = 0.0 if rotors is None else 0.5 * sum(rotors.lags)
+        if self.rate_loop and interface != "body_rates":
+            raise ValueError(f"loop.rate_loop needs the interface 'body_rates'; that of the scenario is {interface!r}")
+        if self.rotor_lag and not lag:
+            raise ValueError(
+                f"loop.rotor_lag needs rotors with a lag, which the vehicle {vehicle.name!r} does not have"
+            )
+        fastest, slowest = (self.rate_loop or (1.0,))[0], (self.rotor_lag or (1.0,))[-1]
+        constant = fastest * vehicle.rate_loop.time_constant
+        if interface == "body_rates" and constant < FASTEST_LOOP * slowest * lag:
+            raise ValueError(
+                f"loop: the time constant of the rate loop must be at least half the rotors' lag of"
+                f" {slowest * lag:g} s, not {constant:g} s"
+            )
+        latest = (self.latency or (simulation.latency,))[-1] + self.jitter
+        if latest > MOST_DELAYED * simulation.period:
+            raise ValueError(
+                f"loop: latency and jitter must be at most {MOST_DELAYED} control periods of {simulation.period:g} s,"
+                f" not {latest:g} s"
+            )
 
 
 RangesField = Parsed(as_ranges, lambda: ParameterRanges | Around)  # annotation of a field that holds ranges

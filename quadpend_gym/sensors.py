@@ -18,9 +18,11 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.models import Model, Registry, ZeroInitialized
-from quadpend_gym.core.settings import Parsed, Range, parse, settings
+from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
 from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
+
+_LEVEL_STREAM = 1  # substream of the level of a `Noise`
 
 
 @runtime_checkable
@@ -72,6 +74,8 @@ class Noise:
     euler_rate: Annotated[Any, ErrorsField] = Channel()  # rad/s
     direction: Annotated[Any, ErrorsField] = Channel()  # rad
     direction_rate: Annotated[Any, ErrorsField] = Channel()  # 1/s
+    # all sizes above are multiplied by a factor that is drawn for each episode, uniform in this interval; None: 1
+    level: Annotated[Interval | None, Range(1e-3, 1e3)] = None
     kind: Literal["noise"] = "noise"
 
     def __post_init__(self) -> None:
@@ -93,28 +97,38 @@ class Noise:
 
     @property
     def memory_size(self) -> int:
-        """One number for each noisy column, bias plus random walk, if there is a bias or a random walk."""
+        """Bias plus random walk of each noisy column, if there is a bias or a random walk; then the drawn level."""
+        return self._drifting + (self.level is not None)
+
+    @cached_property
+    def _drifting(self) -> int:
         columns = self._columns
         return columns.noisy.size if columns.bias.any() or columns.walk.any() else 0
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """Draw the biases."""
-        return (self._columns.bias * streams.normal(0, self._columns.noisy.size))[:, : self.memory_size]
+        """Draw the biases, and from a stream of its own the level."""
+        biases = (self._columns.bias * streams.normal(0, self._columns.noisy.size))[:, : self._drifting]
+        if self.level is None:
+            return biases
+        level = streams.derive(_LEVEL_STREAM).between(0, *self.level)
+        return np.hstack([level * biases, level])
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add white noise (block 2 · step + 1 of the random streams) and random walk (2 · step + 2), then round."""
-        columns = self._columns
+        columns, drift = self._columns, memory[:, : self._drifting]
+        level = None if self.level is None else memory[:, -1]
         if columns.noisy.size:
-            _add_normal(streams.keys, 2 * step + 1, columns.noisy, columns.white, measured.T)
-        for i in range(memory.shape[1]):
-            measured[:, columns.noisy[i]] += memory[:, i]
+            _add_normal(streams.keys, 2 * step + 1, columns.noisy, columns.white, level, measured.T)
+        for i in range(self._drifting):
+            measured[:, columns.noisy[i]] += drift[:, i]
         if columns.walk.any():
             every = np.arange(columns.noisy.size)
-            _add_normal(streams.keys, 2 * step + 2, every, np.sqrt(period) * columns.walk, memory.T)
+            _add_normal(streams.keys, 2 * step + 2, every, np.sqrt(period) * columns.walk, level, drift.T)
         if self.direction.white or self.direction.bias or self.direction.walk:
             _normalise(measured.T)
         for column, quantum in zip(columns.rounded, columns.quantum, strict=True):
-            measured[:, column] = quantum * np.rint(measured[:, column] / quantum)
+            unit = quantum if level is None else quantum * level
+            measured[:, column] = unit * np.rint(measured[:, column] / unit)
 
 
 class _NoisyColumns(NamedTuple):
@@ -129,26 +143,31 @@ class _NoisyColumns(NamedTuple):
 
 
 @inlined
-def _add_pair(keys: Any, index: Any, pairs: int, pair: int, deviation: Any, first: Any, second: Any) -> None:
+def _add_pair(
+    keys: Any, index: Any, pairs: int, pair: int, deviation: Any, level: Any, first: Any, second: Any
+) -> None:
     for row in range(keys.size):
         a, b = normal_pair(keys[row], index[row] * pairs + pair)
-        first[row] += deviation[0] * a
-        second[row] += deviation[1] * b
+        factor = 1.0 if level is None else level[row]
+        first[row] += deviation[0] * factor * a
+        second[row] += deviation[1] * factor * b
 
 
 @compiled
-def _add_normal(keys: Keys, index: Integers, columns: Integers, deviation: Floats, out: Floats) -> None:
-    """Add normal numbers to the rows `columns` of `out`, shape (k, n).
+def _add_normal(
+    keys: Keys, index: Integers, columns: Integers, deviation: Floats, level: Floats | None, out: Floats
+) -> None:
+    """Add normal numbers to the rows `columns` of `out`, shape (k, n); `level`, shape (n,), multiplies them.
 
     Each pair of rows has a loop of its own, because otherwise the loops are not vectorised.
     """
     pairs = (columns.size + 1) // 2
     for pair in range(columns.size // 2):
         first, second = columns[2 * pair], columns[2 * pair + 1]
-        _add_pair(keys, index, pairs, pair, deviation[2 * pair : 2 * pair + 2], out[first], out[second])
+        _add_pair(keys, index, pairs, pair, deviation[2 * pair : 2 * pair + 2], level, out[first], out[second])
     if columns.size % 2:
         last = np.array([deviation[-1], 0.0])
-        _add_pair(keys, index, pairs, pairs - 1, last, out[columns[-1]], np.zeros(keys.size))
+        _add_pair(keys, index, pairs, pairs - 1, last, level, out[columns[-1]], np.zeros(keys.size))
 
 
 @compiled

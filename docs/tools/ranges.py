@@ -9,7 +9,7 @@ from experiments.pages import fill
 from quadpend_gym import Limits, Reference, ReferenceSettings, RewardWeights, StartSettings
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.settings import declared
-from quadpend_gym.randomization import Around
+from quadpend_gym.randomization import Around, LoopRanges
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import Channel
 from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
@@ -19,7 +19,7 @@ from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainS
 
 PAGE = Path(__file__).parents[1] / "ranges.md"
 GROUPS: dict[str, tuple[type[Any], ...]] = {
-    "simulation": (Simulation, Around),
+    "simulation": (Simulation, Around, LoopRanges),
     "task": (ReferenceSettings, StartSettings, Limits, RewardWeights, Reference, Waypoints, Sinusoids, SinusoidTerm),
     "vehicles": (Vehicle, Pole, Rotors, Drag, RateLoop),
     "wind": tuple(WINDS.values()),

@@ -21,7 +21,7 @@ from quadpend_gym.core.jit import compiled, inlined
 Keys = NDArray[np.uint64]
 
 # Each purpose has its own stream, so that adding wind does not change starts and references.
-START_STREAM, REFERENCE_STREAM, WIND_STREAM, SENSOR_STREAM, ACTUATOR_STREAM, PARAMETER_STREAM = 1, 2, 3, 4, 5, 6
+START_STREAM, REFERENCE_STREAM, WIND_STREAM, SENSOR_STREAM, ACTUATOR_STREAM, PARAMETER_STREAM, LOOP_STREAM = range(1, 8)
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _TWO_PI = 2.0 * np.pi

@@ -16,6 +16,7 @@ The outcome has one column for each sub-environment. Vectors are in the world fr
 | AIR_VELOCITY   | v               | 19–21 | m/s    | velocity of the air                                             |
 | PARAMETERS     |                 | 22–30 | SI     | physical parameters, in the order of `Parameters`               |
 | COMMAND        | u, τφ, τθ, τψ   | 31–34 | N, N·m | thrust and torques that acted during the step                   |
+| LOOP           |                 | 35–38 | s, 1   | drawn constants of the loop, which `World` writes               |
 
 An outcome array may have fewer rows; `step_kernel` writes the rows that exist.
 """
@@ -24,6 +25,7 @@ from typing import Any
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE
+from quadpend_gym.randomization import LOOP_NAMES
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 TRACKING_TERM, UPRIGHT_TERM, YAW_TERM, EFFORT_TERM = range(4)
@@ -33,7 +35,8 @@ DISTURBANCE = slice(TERMINATED + 1, TERMINATED + 1 + DISTURBANCE_SIZE)
 AIR_VELOCITY = slice(DISTURBANCE.stop, DISTURBANCE.stop + 3)
 PARAMETERS = slice(AIR_VELOCITY.stop, AIR_VELOCITY.stop + PARAMETERS_SIZE)
 COMMAND = slice(PARAMETERS.stop, PARAMETERS.stop + COMMAND_SIZE)
-OUTCOME_SIZE = COMMAND.stop
+OUTCOME_SIZE = COMMAND.stop  # without LOOP
+LOOP = slice(OUTCOME_SIZE, OUTCOME_SIZE + len(LOOP_NAMES))
 SCALARS = slice(0, DISTURBANCE.start)  # rows that `StepInfo.read` needs as scalars, REWARD and TERMINATED included
 
 
@@ -51,11 +54,12 @@ class StepInfo:
         air_velocity: Whether the info has ``air_velocity``, the velocity of the air, m/s, world frame.
         command: Whether the info has ``command``, thrust (N) and torques (N·m) after the actuators.
         parameters: Whether the info has ``parameters``, the physical parameters in the order of `PARAMETER_NAMES`.
+        loop: Whether the info has ``loop``, drawn values in the order of `LOOP_NAMES`: the latency in s, and factors.
     """
 
-    def __init__(self, air_velocity: bool, command: bool, parameters: bool) -> None:
-        optional = {"air_velocity": AIR_VELOCITY, "command": COMMAND, "parameters": PARAMETERS}
-        included = air_velocity, command, parameters
+    def __init__(self, air_velocity: bool, command: bool, parameters: bool, loop: bool) -> None:
+        optional = {"air_velocity": AIR_VELOCITY, "command": COMMAND, "parameters": PARAMETERS, "loop": LOOP}
+        included = air_velocity, command, parameters, loop
         self._optional = [item for item, wanted in zip(optional.items(), included, strict=True) if wanted]
         self.outcome_size: int = max((rows.stop for _, rows in self._optional), default=DISTURBANCE.stop)
 

@@ -37,8 +37,9 @@ from quadpend_gym.physics.euler_kernel import (
     store_command,
 )
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, store_wrench
+from quadpend_gym.physics.rigid_settings import LOOP_SIZE, LOOP_THRUST, with_loop
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, EULER, POSITION, STATE_SIZE
-from quadpend_gym.physics.vectors import Vec3, load, norm, store, store_four
+from quadpend_gym.physics.vectors import Vec3, load, norm, scale_four, store, store_four
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
     REFERENCE_START,
@@ -123,12 +124,14 @@ def _step(
     outcome: Any,
     trajectories: Any,
     rigid: Any,
+    loops: Any,
     begin: int,
     end: int,
 ) -> int:
     """Advance the sub-environments begin ≤ i < end, as `step_euler` describes.
 
-    `trajectories` is (numbers, first) or None; `rigid` is a `RigidStepSettings`, or None for the paper's vehicle.
+    `trajectories` is (numbers, first) or None; `rigid` is a `RigidStepSettings`, or None for the paper's vehicle;
+    `loops` is that of `step_euler`.
     """
     wind, sensed = columns[:WIND_SIZE], columns[WIND_SIZE:]
     begin = max(begin, 0)  # tells the compiler that indices of sub-environments are not negative
@@ -147,6 +150,7 @@ def _step(
     last_action, last_lanes, switch = memory[:, layout.MEMORY_ACTION], np.empty((ACTION_SIZE, BLOCK)), task.switch
     if rigid is not None:
         rigid_memory = memory[:, layout.MEMORY_RIGID]
+    loop_lanes: Any = None if loops is None else np.empty((loops.shape[0], BLOCK))
     for first in range(begin, end, BLOCK):
         lanes = min(BLOCK, end - first)
         gather(state, first, lanes, state_lanes)
@@ -154,6 +158,8 @@ def _step(
         gather(parameters, first, lanes, physics_lanes)
         gather(reference, first, lanes, reference_lanes)
         _copy(wind[:, first:], lanes, buffer[_WIND])
+        if loops is not None:
+            _copy(loops[:, first:], lanes, loop_lanes)
         if switch > 0:
             gather(last_action, first, lanes, last_lanes)
             scatter(action_lanes, first, lanes, last_action)
@@ -161,12 +167,21 @@ def _step(
             if task.moves_air:
                 for lane in range(lanes):
                     add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
-            for part in range(0 if min(switch, substeps) > 0 else 1, 2):  # the last action, then this one
-                acting, count = (last_lanes, switch) if part == 0 else (action_lanes, max(substeps - switch, 0))
-                for lane in range(lanes):
-                    store_command(acting, task.command_scale, lane, command_lanes)
-                time_of_part = period if count == substeps else period * count / substeps
-                integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, time_of_part, count)
+            if loops is None:
+                for part in range(0 if min(switch, substeps) > 0 else 1, 2):  # the last action, then this one
+                    acting, count = (last_lanes, switch) if part == 0 else (action_lanes, max(substeps - switch, 0))
+                    for lane in range(lanes):
+                        store_command(acting, task.command_scale, lane, command_lanes)
+                    time_of_part = period if count == substeps else period * count / substeps
+                    integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, time_of_part, count)
+            else:
+                h, count = period / max(substeps, 1), min(substeps, 1)
+                for substep in range(max(substeps, 1)):
+                    acting = loop_lanes[LOOP_SIZE + ACTION_SIZE * substep :]
+                    for lane in range(lanes):
+                        command_scale = scale_four(loop_lanes[LOOP_THRUST, lane], task.command_scale)
+                        store_command(acting, command_scale, lane, command_lanes)
+                    integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, h, count)
         else:
             gather(rigid_memory, first, lanes, state_lanes[RIGID:])
             integrate_rigid(
@@ -181,9 +196,10 @@ def _step(
                 period,
                 substeps,
                 switch,
+                loop_lanes,
             )
             for lane in range(lanes):
-                store_wrench(state_lanes, rigid.vehicle, lane, command_lanes)
+                store_wrench(state_lanes, with_loop(rigid.vehicle, loop_lanes, lane), lane, command_lanes)
         for lane in range(lanes):
             diverged[lane] = _diverged(state_lanes, lane)
         for lane in range(lanes):
@@ -231,6 +247,7 @@ def step_euler(
     columns: Floats,
     action: Floats32,
     settings: Floats,
+    loops: Floats | None,
     observation: Floats32,
     outcome: Floats,
     begin: int,
@@ -251,6 +268,8 @@ def step_euler(
             `observe_sensed` the other part once the sensors have changed the state in these rows.
         action: Shape (n, 4), each component in [−1, 1].
         settings: A packed `KernelSettings`; then packed trajectories, if a sub-environment follows one.
+        loops: What is drawn for each sub-environment, see `LoopRows.columns`; then `action` must be the last one in it.
+            None: the loop of all is nominal.
         observation: Output, shape (n, 36).
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
         begin: A multiple of 64.
@@ -261,9 +280,9 @@ def step_euler(
     """
     task = layout.unpack_settings(settings)
     if settings.size == layout.SETTINGS_SIZE:
-        return _step(memory, clock, columns, action, task, observation, outcome, None, None, begin, end)
+        return _step(memory, clock, columns, action, task, observation, outcome, None, None, loops, begin, end)
     trajectories = settings[layout.SETTINGS_SIZE :], memory[:, layout.MEMORY_TRAJECTORY]
-    return _step(memory, clock, columns, action, task, observation, outcome, trajectories, None, begin, end)
+    return _step(memory, clock, columns, action, task, observation, outcome, trajectories, None, loops, begin, end)
 
 
 @compiled
@@ -273,6 +292,7 @@ def step_rigid(
     columns: Floats,
     action: Floats32,
     settings: Floats,
+    loops: Floats | None,
     observation: Floats32,
     outcome: Floats,
     begin: int,
@@ -281,9 +301,11 @@ def step_rigid(
     """As `step_euler`, for rigid vehicles: `memory` has shape (n, 63), `settings` are a packed `RigidStepSettings`."""
     rigid = layout.unpack_rigid_settings(settings)
     if settings.size == layout.RIGID_SETTINGS_SIZE:
-        return _step(memory, clock, columns, action, rigid.kernel, observation, outcome, None, rigid, begin, end)
+        return _step(memory, clock, columns, action, rigid.kernel, observation, outcome, None, rigid, loops, begin, end)
     trajectories = settings[layout.RIGID_SETTINGS_SIZE :], memory[:, layout.MEMORY_TRAJECTORY]
-    return _step(memory, clock, columns, action, rigid.kernel, observation, outcome, trajectories, rigid, begin, end)
+    return _step(
+        memory, clock, columns, action, rigid.kernel, observation, outcome, trajectories, rigid, loops, begin, end
+    )
 
 
 @compiled

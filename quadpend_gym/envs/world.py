@@ -25,7 +25,14 @@ from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.delays import delay
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.packing import pack
-from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
+from quadpend_gym.core.streams import (
+    ACTUATOR_STREAM,
+    LOOP_STREAM,
+    PARAMETER_STREAM,
+    SENSOR_STREAM,
+    WIND_STREAM,
+    Streams,
+)
 from quadpend_gym.envs.inputs import NO_ERROR, clip_rounding, find_error, raise_step_error
 from quadpend_gym.envs.kernel_layout import (
     MEMORY_ACTION,
@@ -38,7 +45,8 @@ from quadpend_gym.envs.kernel_layout import (
     SENSED_STATE,
     pack_settings,
 )
-from quadpend_gym.envs.outcome import StepInfo
+from quadpend_gym.envs.loops import LoopRows
+from quadpend_gym.envs.outcome import LOOP, StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
 from quadpend_gym.envs.step_kernel import observe_sensed, step_euler, step_rigid
 from quadpend_gym.envs.threads import run_in_threads
@@ -94,6 +102,7 @@ class World:
         self._start_settings = pack(astuple(task.start)), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
         self._parameter_ranges: ParameterRanges | None = None
+        self._loops = None if scenario.loop is None else LoopRows(scenario.loop, simulation, num_envs)
         self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
         self.add_wind(scenario.wind_models)
         self.add_sensors(scenario.sensors)
@@ -176,7 +185,9 @@ class World:
         self._columns_size = WIND_SIZE + (SENSED_SIZE if self._sensors.models else 0)
         self._columns = np.zeros((self._columns_size, self.num_envs))  # wind and sensed values of the kernel
         self._checks_first = bool(self._actuators.models or self.simulation.latency or self._num_threads > 1)
-        self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), self._parameter_ranges is not None)
+        self._checks_first |= self._loops is not None
+        drawn = self._parameter_ranges is not None, self._loops is not None
+        self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), *drawn)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
         self._padded = self.num_envs >= 512
         self._outcome_shape = self.step_info.outcome_size, self.num_envs + (8 if self._padded else 0)
@@ -197,6 +208,8 @@ class World:
         if self._parameter_ranges is not None:
             nominal = self.simulation.parameters
             self.parameters[rows] = self._parameter_ranges.draw(nominal, streams.derive(PARAMETER_STREAM))
+        if self._loops is not None:
+            self._loops.start_episodes(rows, streams.derive(LOOP_STREAM))
         self._set_start(rows, options)
         if self._wind_models.models:
             self._start_wind(rows, streams.derive(WIND_STREAM))
@@ -273,10 +286,12 @@ class World:
 
     def _actuate(self, action: Floats32) -> Floats32:
         """Return the action after the actuators and the latency, shape (n, 4)."""
-        if not (self._actuators.models or self._late_periods):
+        if not (self._actuators.models or self._late_periods or self._loops):
             return action
         out, simulation = np.asfortranarray(action, np.float64), self.simulation
         self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, simulation, random))
+        if self._loops is not None:
+            return self._loops.schedule(out.T, self.clock)
         if self._late_periods:
             delay(out, self.clock, self._under_way, self._late_periods)
         return out.astype(np.float32, order="C")
@@ -291,7 +306,10 @@ class World:
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
         memory, clock, columns = self._memory[rows], self.clock[rows], np.zeros((self._columns_size, rows.size))
-        self._step(memory, clock, columns, action, self._observe_settings, observation, outcome, 0, rows.size)
+        settings, loops = self._observe_settings, None if self._loops is None else self._loops.at_hover(rows)
+        self._step(memory, clock, columns, action, settings, loops, observation, outcome, 0, rows.size)
+        if self._loops is not None:
+            outcome[LOOP] = self._loops.drawn[:, rows]
         if self._sensors.models:
             columns[_SENSED_STATE] = self._columns[_SENSED_STATE, rows]
             observe_sensed(columns, observation)
@@ -321,11 +339,14 @@ class World:
                 return self._step_clipped(error, action)
             action = self._actuate(action)
         memory, clock, columns, settings = self._memory, self.clock, self._columns, self._settings
-        error = self._advance(memory, clock, columns, action, settings, observation, outcome, 0, self.num_envs)
+        loops = None if self._loops is None else self._loops.columns
+        error = self._advance(memory, clock, columns, action, settings, loops, observation, outcome, 0, self.num_envs)
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")
             return self._step_clipped(error, action)
+        if self._loops is not None:
+            outcome[LOOP, : self.num_envs] = self._loops.drawn
         if self._sensors.models:
             self._sense()
             observe_sensed(columns, observation)

@@ -57,7 +57,7 @@ from quadpend_gym.physics.rigid_body import (
     rigid_physics,
     store_body,
 )
-from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings, unpack_rigid
+from quadpend_gym.physics.rigid_settings import LOOP_SIZE, RigidSettings, make_rigid_settings, unpack_rigid, with_loop
 from quadpend_gym.physics.rotors import (
     BODY_RATES,
     ROTOR_THRUSTS,
@@ -226,10 +226,12 @@ def integrate_rigid(
     period: float,
     substeps: int,
     switch: int,
+    loops: Any = None,
 ) -> None:
     """Advance one block as `advance_rigid` does, in (field, lane) buffers; `state` has `RIGID_LANE_SIZE` fields.
 
-    With 0 substeps only the thrust axis is written.
+    With 0 substeps only the thrust axis is written. `loops` has the numbers of `with_loop`, followed by the actions of
+    each substep, which then replace `action` and `action_before`; None: the loop of every lane is nominal.
     """
     if substeps == 0:
         for lane in range(lanes):
@@ -242,7 +244,11 @@ def integrate_rigid(
         state[_MOMENTUM, lane] = 0.0
     h, has_momentum = period / substeps, rigid.rotors.momentum > 0.0
     for substep in range(substeps):
-        if substep < switch:
+        if loops is not None:
+            acting = loops[LOOP_SIZE + ACTION_SIZE * substep :]
+            for lane in range(lanes):
+                _prepare(state, acting, velocity, with_loop(rigid, loops, lane), lane)
+        elif substep < switch:
             for lane in range(lanes):
                 _prepare(state, action_before, velocity, rigid, lane)
         else:
@@ -251,11 +257,12 @@ def integrate_rigid(
         if has_momentum:
             for lane in range(lanes):
                 start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
-                middle = thrusts_after(start, wanted, rigid.rotors.rise.y, rigid.rotors.fall.y)
-                state[_MOMENTUM, lane] = propeller_momentum(middle, rigid.rotors)
+                rotors = with_loop(rigid, loops, lane).rotors
+                middle = thrusts_after(start, wanted, rotors.rise.y, rotors.fall.y)
+                state[_MOMENTUM, lane] = propeller_momentum(middle, rotors)
         for lane in range(lanes):
             physics, body = load_physics(parameters, lane), load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
-            _substep(state, disturbance, physics, body, rigid, lane, h)
+            _substep(state, disturbance, physics, body, with_loop(rigid, loops, lane), lane, h)
     for lane in range(lanes):
         _store_outputs(state, lane)
 

@@ -1,17 +1,22 @@
 """The numbers of a rigid vehicle that compiled functions read."""
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics import rotors as codes
 from quadpend_gym.physics.rotors import RateLoopSettings, RotorSettings, rate_loop_gains
-from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3
+from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, scale_four
 from quadpend_gym.vehicles import Simulation, hover_wrench, mixing
 
+# Numbers of a vehicle and its interface that may differ from one episode to another, see `randomization.LoopRanges`:
+# thrust and torques that act, divided by those that the nominal rotors make under the same command; both gains of
+# `RateLoopSettings`; the last two shares of `RotorSettings.rise` and those of `fall`.
+LOOP_THRUST, _RATE_GAIN, _TORQUE_GAIN, _RISE, _FALL, LOOP_SIZE = 0, 1, 2, 3, 5, 7
 _CODES = {"wrench": codes.WRENCH, "body_rates": codes.BODY_RATES, "rotors": codes.ROTOR_THRUSTS}
 
 
@@ -31,6 +36,47 @@ class RigidSettings(NamedTuple):
 
 
 unpack_rigid = unpacker(RigidSettings)
+
+
+@inlined
+def with_loop(rigid: RigidSettings, loops: Any, lane: int) -> RigidSettings:
+    """Return the settings with the numbers in column `lane` of `loops`, see `LOOP_SIZE`; None: as they are."""
+    if loops is None:
+        return rigid
+    nominal, thrust = rigid.rotors, loops[LOOP_THRUST, lane]
+    a, b, c, d = nominal.mixing
+    rotors = RotorSettings(
+        nominal.has_rotors,
+        Matrix4(scale_four(thrust, a), scale_four(thrust, b), scale_four(thrust, c), scale_four(thrust, d)),
+        nominal.unmixing,
+        nominal.hover,
+        nominal.lowest,
+        nominal.highest,
+        nominal.spins,
+        Vec3(nominal.rise.x, loops[_RISE, lane], loops[_RISE + 1, lane]),
+        Vec3(nominal.fall.x, loops[_FALL, lane], loops[_FALL + 1, lane]),
+        nominal.momentum,
+    )
+    return RigidSettings(
+        rigid.interface,
+        rigid.command_scale,
+        rigid.trim,
+        rigid.correlation,
+        rigid.pivot,
+        rigid.shape,
+        rigid.rotor_drag,
+        rigid.angular_drag,
+        RateLoopSettings(loops[_RATE_GAIN, lane], loops[_TORQUE_GAIN, lane], rigid.loop.inertia),
+        rotors,
+    )
+
+
+def loop_numbers(simulation: Simulation, rate_loop: float, rotor_lag: float, thrust: float) -> list[float]:
+    """Return the `LOOP_SIZE` numbers for factors of the time constants of rate loop and rotors, and of the thrust."""
+    vehicle, step = simulation.vehicle, simulation.period / simulation.substeps
+    lags = [rotor_lag * lag for lag in ((0.0, 0.0) if vehicle.rotors is None else vehicle.rotors.lags)]
+    gains = rate_loop_gains(rate_loop * vehicle.rate_loop.time_constant, 0.5 * (lags[0] + lags[1]), step)
+    return [thrust, *gains, *_decays(lags[0], step)[1:], *_decays(lags[1], step)[1:]]
 
 
 def _symmetric(a: Floats) -> Symmetric:

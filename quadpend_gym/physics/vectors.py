@@ -156,6 +156,12 @@ def multiply(matrix: Matrix4, v: Four) -> Four:
 
 
 @inlined
+def scale_four(factor: float, v: Four) -> Four:
+    """Return factor · v."""
+    return Four(factor * v.a, factor * v.b, factor * v.c, factor * v.d)
+
+
+@inlined
 def load_four(lanes: Any, first: int, lane: int) -> Four:
     """Return the four numbers from row `first` in column `lane`."""
     return Four(lanes[first, lane], lanes[first + 1, lane], lanes[first + 2, lane], lanes[first + 3, lane])

@@ -13,7 +13,7 @@ from pydantic import Strict
 from quadpend_gym.actuators import ActuatorsField, check_chain
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.settings import Range, settings
-from quadpend_gym.randomization import Around, ParameterRanges, RangesField
+from quadpend_gym.randomization import Around, LoopRanges, ParameterRanges, RangesField
 from quadpend_gym.sensors import SensorsField, check_periods
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
@@ -57,6 +57,7 @@ class Scenario:
     sensors: Annotated[Any, SensorsField] = ()  # in the order in which they are applied
     actuators: Annotated[Any, ActuatorsField] = ()  # in the order in which an action passes them
     parameters: Annotated[ParameterRanges | Around, RangesField] | None = None  # drawn for each episode; None: nominal
+    loop: LoopRanges | None = None  # latency, rate loop, rotor lags and thrust, drawn for each episode; None: nominal
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
     substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
     duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0  # length of an episode
@@ -74,6 +75,8 @@ class Scenario:
         check_periods(self.sensors, self.period)
         if self.unscored_steps >= self.steps:
             raise ValueError(f"unscored must be less than the duration of {self.duration:g} s, not {self.unscored:g} s")
+        if self.loop is not None:
+            self.loop.check(self.simulation)
 
     @cached_property
     def simulation(self) -> Simulation:

@@ -20,7 +20,7 @@ from quadpend_gym.vehicles.parts import PRESETS, Axes, Drag, Pole, PoleField, Ra
 __all__ = ["VEHICLES", "Vehicle", "as_vehicle", "hover_wrench", "mixing", "torque_limits"]
 
 _MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
-_FASTEST_LOOP = 0.5  # least time constant of the rate loop, as a share of the mean lag of the rotors
+FASTEST_LOOP = 0.5  # least time constant of the rate loop, as a share of the mean lag of the rotors
 
 
 @settings
@@ -189,7 +189,7 @@ def _check_rotors(vehicle: Vehicle, rotors: Rotors) -> None:
             f" margin of {_MARGIN:.0%}, which needs {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
         )
     lag = 0.5 * sum(rotors.lags)
-    if vehicle.rate_loop.time_constant < _FASTEST_LOOP * lag:
+    if vehicle.rate_loop.time_constant < FASTEST_LOOP * lag:
         raise ValueError(
             f"rate_loop.time_constant must be at least half the rotors' lag of {lag:g} s, not"
             f" {vehicle.rate_loop.time_constant:g} s"

@@ -197,3 +197,18 @@ def test_sensors_do_not_change_the_true_state(sensors: Any) -> None:
         assert_array_equal(sensed.world.wind, plain.world.wind)
     assert (observed[:, :18] != observation[:, :18]).any()
     assert_array_equal(observed[:, 18:], observation[:, 18:])  # the reference is known
+
+
+def test_the_level_of_noise_is_drawn_for_each_episode() -> None:
+    """It multiplies every size: a level of 2 doubles them, to the last bit, and the level of a row is its own."""
+    sizes = {"white": 0.01, "bias": 0.02, "walk": 0.03, "quantum": 0.005}
+    doubled = {name: 2.0 * size for name, size in sizes.items()}
+    single, double = (
+        true_and_measured(Noise(position=own, direction=own, level=level), 5, 20)
+        for own, level in ((doubled, None), (sizes, (2.0, 2.0)))
+    )
+    assert_same(single, double)
+    found = errors(Noise(position=0.01, level=(0.5, 2.0)), 300, 100)[:, :, :3].std(axis=(0, 2)) / 0.01
+    assert stats.kstest((found - 0.5) / 1.5, "uniform").pvalue > 0.001
+    alone = errors(Noise(position=0.01, level=(0.5, 2.0)), 3, 100)[:, :, :3]
+    assert_allclose(alone, errors(Noise(position=0.01, level=(0.5, 2.0)), 300, 100)[:, :3, :3], atol=1e-12)

@@ -9,8 +9,8 @@ values, with the noise of the sensors; generated C (`flight`, `observed`) has th
     (4)  J    = w_R · mean over scenarios of R  +  mean over rows and steps of c(x_{t+1}, a_t)
 
 z is the state x with what vehicle and actuators remember, b what the observer believes. Not in the gradient are the
-disturbance that `adrc` estimates, and values that sensors hold. A window of H steps has no terminal value, so the
-consequences of its last actions are cut off.
+disturbance that `adrc` estimates, values that sensors hold, and drawn constants of the loop: it has the nominal
+ones. A window of H steps has no terminal value, so the consequences of its last actions are cut off.
 
 R is the root mean square of the tracking error over the rows and steps of a scenario in a window, which is similar to
 the measure of the published results; the mean of the squares over all scenarios would be that of the hardest scenario.
