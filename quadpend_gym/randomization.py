@@ -10,7 +10,6 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings, suggest
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.vehicles import PARAMETER_NAMES, Parameters, Simulation
-from quadpend_gym.vehicles.simulation import MOST_DELAYED
 from quadpend_gym.vehicles.vehicle import FASTEST_LOOP
 
 LOOP_NAMES = ("latency", "rate_loop", "rotor_lag", "thrust")
@@ -90,8 +89,8 @@ class LoopRanges:
     Controllers know the nominal values: those of the scenario and its vehicle.
     """
 
-    latency: Annotated[Interval | None, Range(0.0, 1.0, "s")] = None  # to the moment when an action acts; rounded
-    # to whole substeps
+    # from an action to the moment when it acts; rounded to whole substeps
+    latency: Annotated[Interval | None, Range(0.0, 1.0, "s")] = None
     jitter: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # half width of the change of the latency from step to step
     rate_loop: _Factors = None  # factors of the time constant of the rate loop
     rotor_lag: _Factors = None  # factors of the time constants of the rotors
@@ -117,12 +116,6 @@ class LoopRanges:
             raise ValueError(
                 f"loop: the time constant of the rate loop must be at least half the rotors' lag of"
                 f" {slowest * lag:g} s, not {constant:g} s"
-            )
-        latest = (self.latency or (simulation.latency,))[-1] + self.jitter
-        if latest > MOST_DELAYED * simulation.period:
-            raise ValueError(
-                f"loop: latency and jitter must be at most {MOST_DELAYED} control periods of {simulation.period:g} s,"
-                f" not {latest:g} s"
             )
 
 

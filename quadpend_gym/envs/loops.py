@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.jit import compiled
-from quadpend_gym.core.streams import Keys, Streams, uniform, uniform_between
+from quadpend_gym.core.streams import LOOP_STREAM, Keys, Streams, uniform, uniform_between
 from quadpend_gym.physics.rigid_settings import LOOP_SIZE, loop_numbers
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.randomization import LOOP_NAMES, LoopRanges
@@ -48,15 +48,16 @@ class LoopRows:
         self._keys = np.zeros(rows, np.uint64)
 
     def start_episodes(self, rows: Integers, streams: Streams) -> None:
-        """Draw the constants of new episodes, each from its own number of the random streams."""
-        drawn, simulation = streams.between(0, self._lowest, self._highest), self._simulation
+        """Draw the constants of new episodes, each from its own number; `streams` are those of the episodes."""
+        own, simulation = streams.derive(LOOP_STREAM), self._simulation
+        drawn = own.between(0, self._lowest, self._highest)
         self._latency[rows] = latency = self._in_substeps(drawn[:, 0])
         drawn[:, 0] = latency * simulation.period / simulation.substeps
         self.drawn[:, rows] = drawn.T
         self.columns[:LOOP_SIZE, rows] = np.array([loop_numbers(simulation, *row) for row in drawn[:, 1:].tolist()]).T
         self.columns[LOOP_SIZE:, rows] = 0.0
         self._acting[rows] = -1
-        self._keys[rows] = streams.derive(_JITTER_STREAM).keys
+        self._keys[rows] = own.derive(_JITTER_STREAM).keys
 
     def at_hover(self, rows: Integers) -> Floats:
         """Return `columns` of the sub-environments `rows` with actions of zero."""

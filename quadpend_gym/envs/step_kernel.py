@@ -39,7 +39,7 @@ from quadpend_gym.physics.euler_kernel import (
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, store_wrench
 from quadpend_gym.physics.rigid_settings import LOOP_SIZE, LOOP_THRUST, with_loop
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, EULER, POSITION, STATE_SIZE
-from quadpend_gym.physics.vectors import Vec3, load, norm, scale_four, store, store_four
+from quadpend_gym.physics.vectors import Vec3, load, norm, store, store_four, times
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
     REFERENCE_START,
@@ -131,7 +131,7 @@ def _step(
     """Advance the sub-environments begin ≤ i < end, as `step_euler` describes.
 
     `trajectories` is (numbers, first) or None; `rigid` is a `RigidStepSettings`, or None for the paper's vehicle;
-    `loops` is that of `step_euler`.
+    `loops` is that of `step_euler_drawn`, or None.
     """
     wind, sensed = columns[:WIND_SIZE], columns[WIND_SIZE:]
     begin = max(begin, 0)  # tells the compiler that indices of sub-environments are not negative
@@ -179,7 +179,7 @@ def _step(
                 for substep in range(max(substeps, 1)):
                     acting = loop_lanes[LOOP_SIZE + ACTION_SIZE * substep :]
                     for lane in range(lanes):
-                        command_scale = scale_four(loop_lanes[LOOP_THRUST, lane], task.command_scale)
+                        command_scale = times(loop_lanes[LOOP_THRUST, lane], task.command_scale)
                         store_command(acting, command_scale, lane, command_lanes)
                     integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, h, count)
         else:
@@ -240,6 +240,47 @@ def _step(
     return NO_ERROR
 
 
+@inlined
+def _step_euler(
+    loops: Any,
+    memory: Any,
+    clock: Any,
+    columns: Any,
+    action: Any,
+    settings: Any,
+    observation: Any,
+    outcome: Any,
+    begin: int,
+    end: int,
+) -> int:
+    task = layout.unpack_settings(settings)
+    if settings.size == layout.SETTINGS_SIZE:
+        return _step(memory, clock, columns, action, task, observation, outcome, None, None, loops, begin, end)
+    trajectories = settings[layout.SETTINGS_SIZE :], memory[:, layout.MEMORY_TRAJECTORY]
+    return _step(memory, clock, columns, action, task, observation, outcome, trajectories, None, loops, begin, end)
+
+
+@inlined
+def _step_rigid(
+    loops: Any,
+    memory: Any,
+    clock: Any,
+    columns: Any,
+    action: Any,
+    settings: Any,
+    observation: Any,
+    outcome: Any,
+    begin: int,
+    end: int,
+) -> int:
+    rigid = layout.unpack_rigid_settings(settings)
+    task = rigid.kernel
+    if settings.size == layout.RIGID_SETTINGS_SIZE:
+        return _step(memory, clock, columns, action, task, observation, outcome, None, rigid, loops, begin, end)
+    trajectories = settings[layout.RIGID_SETTINGS_SIZE :], memory[:, layout.MEMORY_TRAJECTORY]
+    return _step(memory, clock, columns, action, task, observation, outcome, trajectories, rigid, loops, begin, end)
+
+
 @compiled
 def step_euler(
     memory: Floats,
@@ -247,7 +288,6 @@ def step_euler(
     columns: Floats,
     action: Floats32,
     settings: Floats,
-    loops: Floats | None,
     observation: Floats32,
     outcome: Floats,
     begin: int,
@@ -268,8 +308,6 @@ def step_euler(
             `observe_sensed` the other part once the sensors have changed the state in these rows.
         action: Shape (n, 4), each component in [−1, 1].
         settings: A packed `KernelSettings`; then packed trajectories, if a sub-environment follows one.
-        loops: What is drawn for each sub-environment, see `LoopRows.columns`; then `action` must be the last one in it.
-            None: the loop of all is nominal.
         observation: Output, shape (n, 36).
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
         begin: A multiple of 64.
@@ -278,11 +316,7 @@ def step_euler(
     Returns:
         The error code of `inputs`; with an error, no array is changed.
     """
-    task = layout.unpack_settings(settings)
-    if settings.size == layout.SETTINGS_SIZE:
-        return _step(memory, clock, columns, action, task, observation, outcome, None, None, loops, begin, end)
-    trajectories = settings[layout.SETTINGS_SIZE :], memory[:, layout.MEMORY_TRAJECTORY]
-    return _step(memory, clock, columns, action, task, observation, outcome, trajectories, None, loops, begin, end)
+    return _step_euler(None, memory, clock, columns, action, settings, observation, outcome, begin, end)
 
 
 @compiled
@@ -292,20 +326,25 @@ def step_rigid(
     columns: Floats,
     action: Floats32,
     settings: Floats,
-    loops: Floats | None,
     observation: Floats32,
     outcome: Floats,
     begin: int,
     end: int,
 ) -> int:
     """As `step_euler`, for rigid vehicles: `memory` has shape (n, 63), `settings` are a packed `RigidStepSettings`."""
-    rigid = layout.unpack_rigid_settings(settings)
-    if settings.size == layout.RIGID_SETTINGS_SIZE:
-        return _step(memory, clock, columns, action, rigid.kernel, observation, outcome, None, rigid, loops, begin, end)
-    trajectories = settings[layout.RIGID_SETTINGS_SIZE :], memory[:, layout.MEMORY_TRAJECTORY]
-    return _step(
-        memory, clock, columns, action, rigid.kernel, observation, outcome, trajectories, rigid, loops, begin, end
-    )
+    return _step_rigid(None, memory, clock, columns, action, settings, observation, outcome, begin, end)
+
+
+@compiled
+def step_euler_drawn(loops: Floats, *arguments: Any) -> int:
+    """As `step_euler`, with `LoopRows.columns`, shape (7 + 4 s, n); `action` must be the last one in it."""
+    return int(_step_euler(loops, *arguments))
+
+
+@compiled
+def step_rigid_drawn(loops: Floats, *arguments: Any) -> int:
+    """As `step_euler_drawn`, for rigid vehicles."""
+    return int(_step_rigid(loops, *arguments))
 
 
 @compiled

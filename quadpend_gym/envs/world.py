@@ -25,14 +25,7 @@ from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.delays import delay
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.packing import pack
-from quadpend_gym.core.streams import (
-    ACTUATOR_STREAM,
-    LOOP_STREAM,
-    PARAMETER_STREAM,
-    SENSOR_STREAM,
-    WIND_STREAM,
-    Streams,
-)
+from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
 from quadpend_gym.envs.inputs import NO_ERROR, clip_rounding, find_error, raise_step_error
 from quadpend_gym.envs.kernel_layout import (
     MEMORY_ACTION,
@@ -48,7 +41,7 @@ from quadpend_gym.envs.kernel_layout import (
 from quadpend_gym.envs.loops import LoopRows
 from quadpend_gym.envs.outcome import LOOP, StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.step_kernel import observe_sensed, step_euler, step_rigid
+from quadpend_gym.envs.step_kernel import observe_sensed, step_euler, step_euler_drawn, step_rigid, step_rigid_drawn
 from quadpend_gym.envs.threads import run_in_threads
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
@@ -86,7 +79,11 @@ class World:
         self.num_envs, self.scenario, self._num_threads = num_envs, scenario, num_threads
         task, simulation = self.task, self.simulation = scenario.task, scenario.simulation
         self._plant = plant_of(simulation)
+        self._loops = None if scenario.loop is None else LoopRows(scenario.loop, simulation, num_envs)
         self._step: Any = step_rigid if self._plant.memory_size else step_euler
+        if self._loops is not None:
+            self._drawn_step = step_rigid_drawn if self._plant.memory_size else step_euler_drawn
+            self._step = partial(self._drawn_step, self._loops.columns)
         self._advance = self._step if num_threads == 1 else partial(run_in_threads, num_threads, self._step)
         self._memory = np.zeros((num_envs, MEMORY_SIZE + self._plant.memory_size))
         # With a latency of k control periods and s substeps, the action of k + 1 steps ago acts during the first s
@@ -102,7 +99,6 @@ class World:
         self._start_settings = pack(astuple(task.start)), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
         self._parameter_ranges: ParameterRanges | None = None
-        self._loops = None if scenario.loop is None else LoopRows(scenario.loop, simulation, num_envs)
         self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
         self.add_wind(scenario.wind_models)
         self.add_sensors(scenario.sensors)
@@ -209,7 +205,7 @@ class World:
             nominal = self.simulation.parameters
             self.parameters[rows] = self._parameter_ranges.draw(nominal, streams.derive(PARAMETER_STREAM))
         if self._loops is not None:
-            self._loops.start_episodes(rows, streams.derive(LOOP_STREAM))
+            self._loops.start_episodes(rows, streams)
         self._set_start(rows, options)
         if self._wind_models.models:
             self._start_wind(rows, streams.derive(WIND_STREAM))
@@ -306,8 +302,8 @@ class World:
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
         memory, clock, columns = self._memory[rows], self.clock[rows], np.zeros((self._columns_size, rows.size))
-        settings, loops = self._observe_settings, None if self._loops is None else self._loops.at_hover(rows)
-        self._step(memory, clock, columns, action, settings, loops, observation, outcome, 0, rows.size)
+        step = self._step if self._loops is None else partial(self._drawn_step, self._loops.at_hover(rows))
+        step(memory, clock, columns, action, self._observe_settings, observation, outcome, 0, rows.size)
         if self._loops is not None:
             outcome[LOOP] = self._loops.drawn[:, rows]
         if self._sensors.models:
@@ -339,8 +335,7 @@ class World:
                 return self._step_clipped(error, action)
             action = self._actuate(action)
         memory, clock, columns, settings = self._memory, self.clock, self._columns, self._settings
-        loops = None if self._loops is None else self._loops.columns
-        error = self._advance(memory, clock, columns, action, settings, loops, observation, outcome, 0, self.num_envs)
+        error = self._advance(memory, clock, columns, action, settings, observation, outcome, 0, self.num_envs)
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")

@@ -10,7 +10,7 @@ from quadpend_gym.core.jit import inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics import rotors as codes
 from quadpend_gym.physics.rotors import RateLoopSettings, RotorSettings, rate_loop_gains
-from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, scale_four
+from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, times
 from quadpend_gym.vehicles import Simulation, hover_wrench, mixing
 
 # Numbers of a vehicle and its interface that may differ from one episode to another, see `randomization.LoopRanges`:
@@ -47,7 +47,7 @@ def with_loop(rigid: RigidSettings, loops: Any, lane: int) -> RigidSettings:
     a, b, c, d = nominal.mixing
     rotors = RotorSettings(
         nominal.has_rotors,
-        Matrix4(scale_four(thrust, a), scale_four(thrust, b), scale_four(thrust, c), scale_four(thrust, d)),
+        Matrix4(times(thrust, a), times(thrust, b), times(thrust, c), times(thrust, d)),
         nominal.unmixing,
         nominal.hover,
         nominal.lowest,

@@ -26,19 +26,7 @@ import numpy as np
 
 from quadpend_gym.core.elementary import select
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.physics.vectors import (
-    Four,
-    Matrix4,
-    Symmetric,
-    Vec3,
-    add,
-    apply,
-    axpy,
-    cross,
-    multiply,
-    scale,
-    scale_four,
-)
+from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, add, apply, axpy, cross, multiply, scale, times
 
 WRENCH, BODY_RATES, ROTOR_THRUSTS = 0.0, 1.0, 2.0  # codes of the interfaces
 # A critically damped system of second order reaches 1 − 1/e of a step after this time, in units of 1/|pole|.
@@ -172,13 +160,13 @@ def allocate(wrench: Four, rotors: RotorSettings) -> Four:
     lift = _column(unmixing, 1.0, 0)
     p = Four(1.0 / lift.a, 1.0 / lift.b, 1.0 / lift.c, 1.0 / lift.d)
     tilt = _plus(_column(unmixing, wrench.b, 1), _column(unmixing, wrench.c, 2))
-    tilt = scale_four(_reachable_tilt(tilt, p, low, high), tilt)
+    tilt = times(_reachable_tilt(tilt, p, low, high), tilt)
     # The total thrusts at which the first rotor reaches a limit.
     least = max(max((low - tilt.a) * p.a, (low - tilt.b) * p.b), max((low - tilt.c) * p.c, (low - tilt.d) * p.d))
     greatest = min(min((high - tilt.a) * p.a, (high - tilt.b) * p.b), min((high - tilt.c) * p.c, (high - tilt.d) * p.d))
-    base = _plus(tilt, scale_four(min(max(wrench.a, least), greatest), lift))
+    base = _plus(tilt, times(min(max(wrench.a, least), greatest), lift))
     yaw = _column(unmixing, wrench.d, 3)
-    near, exact = _plus(base, scale_four(_reachable_part(base, yaw, low, high), yaw)), multiply(unmixing, wrench)
+    near, exact = _plus(base, times(_reachable_part(base, yaw, low, high), yaw)), multiply(unmixing, wrench)
     excess = max(
         low - min(min(exact.a, exact.b), min(exact.c, exact.d)),
         max(max(exact.a, exact.b), max(exact.c, exact.d)) - high,

@@ -156,7 +156,7 @@ def multiply(matrix: Matrix4, v: Four) -> Four:
 
 
 @inlined
-def scale_four(factor: float, v: Four) -> Four:
+def times(factor: float, v: Four) -> Four:
     """Return factor · v."""
     return Four(factor * v.a, factor * v.b, factor * v.c, factor * v.d)
 

@@ -15,7 +15,7 @@ __all__ = ["CONTROL_PERIOD", "Simulation"]
 
 CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
 Interface = Literal["wrench", "rotors", "body_rates"]
-MOST_DELAYED = 1000  # control periods from an action to the moment when it acts
+_MOST_DELAYED = 1000  # control periods from an action to the moment when it acts
 # Largest rate at which linear drag slows a motion, times the length of a substep. The drag of the rotors is constant
 # during a substep, so it would reverse the motion above 1. Angular drag is part of the Runge-Kutta step, which is
 # unstable above 2.8. The rest is for parameters that are drawn for each episode.
@@ -42,9 +42,9 @@ class Simulation:
         if self.interface == "rotors" and self.vehicle.rotors is None:
             raise ValueError(f"interface must not be 'rotors': the vehicle {self.vehicle.name!r} has no rotors")
         self._check_damping()
-        if self.latency > MOST_DELAYED * self.period * (1.0 + 1e-9):
+        if self.latency > _MOST_DELAYED * self.period * (1.0 + 1e-9):
             raise ValueError(
-                f"latency must be at most {MOST_DELAYED} control periods of {self.period:g} s, not {self.latency:g} s"
+                f"latency must be at most {_MOST_DELAYED} control periods of {self.period:g} s, not {self.latency:g} s"
             )
         delayed = self.latency / self.period * self.substeps
         if abs(delayed - round(delayed)) > 1e-6:

@@ -45,7 +45,7 @@ def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Fl
     settings = layout.pack_settings(TASK, plant, True, simulation.substeps)
     acting = np.ascontiguousarray(acting, np.float32)
     wind = np.ascontiguousarray(x.wind.T)
-    step(memory, np.zeros(rows, np.int64), wind, acting, settings, None, observation, outcome, 0, rows)
+    step(memory, np.zeros(rows, np.int64), wind, acting, settings, observation, outcome, 0, rows)
     after = np.hstack([memory[:, layout.MEMORY_RIGID] if size else np.zeros((rows, 0)), queue[:, 4:]])
     return memory[:, layout.MEMORY_STATE], after, observation, outcome
 

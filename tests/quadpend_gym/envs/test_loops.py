@@ -160,7 +160,6 @@ def test_a_scenario_with_a_loop_is_data(tmp_path: Path) -> None:
         ({"rate_loop": (0.8, 1.2)}, PAPER, "loop.rate_loop needs the interface 'body_rates'"),
         ({"rotor_lag": (0.8, 1.2)}, PAPER, "loop.rotor_lag needs rotors with a lag"),
         ({"rotor_lag": (1.0, 3.0)}, HUMMINGBIRD, "at least half the rotors' lag of 0.045 s, not 0.02 s"),
-        ({"jitter": 0.2}, {"period": 1e-4}, "at most 1000 control periods"),
     ],
 )
 def test_a_wrong_loop_is_refused_in_one_sentence(loop: Any, fields: dict[str, Any], sentence: str) -> None:
