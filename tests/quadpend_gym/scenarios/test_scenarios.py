@@ -34,6 +34,7 @@ EVERYTHING: dict[str, Any] = {
     "sensors": {"kind": "noise", "position": 0.001},
     "actuators": [{"kind": "motor_lag"}, {"kind": "packet_loss"}],
     "parameters": {"share": 0.1, "names": ["bob_mass"]},
+    "loop": {"latency": [0.01, 0.03], "jitter": 0.002, "rate_loop": [0.8, 1.2]},
     "vehicle": "hummingbird",
     "interface": "body_rates",
     "latency": 0.02,
@@ -56,7 +57,7 @@ def test_every_field_can_be_set_in_a_file_in_json_and_in_gym_make(tmp_path: Path
     env = scenario.make_vec(4)
     observation, info = env.reset(seed=0)
     assert observation.shape == (4, 27)
-    assert {"air_velocity", "command", "parameters"} <= info.keys()
+    assert {"air_velocity", "command", "parameters", "loop"} <= info.keys()
     kept = {name: EVERYTHING[name] for name in EVERYTHING.keys() - {"name", "description", "loop_known"}}
     single = gym.make("quadpend_gym:QuadPendulum-v0", **kept)
     assert_array_equal(single.reset(seed=2)[0], observation[2])
