@@ -8,8 +8,7 @@ from scipy.linalg import solve_discrete_are
 
 from quadpend_baselines.estimation.estimator import measurement_from_observation
 from quadpend_baselines.modelling.equivalent import equivalent_model
-from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise, rotate_state
-from quadpend_baselines.modelling.planar import rotate
+from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise, rotate, rotate_state
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 
 # Tolerances of position, velocity, angles, angular rates, pendulum and its rate, and the integral (Bryson's rule)

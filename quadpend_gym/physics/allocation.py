@@ -17,20 +17,21 @@ from functools import lru_cache
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors
 from quadpend_gym.physics.rigid_settings import make_rigid_settings, pack_rigid, unpack_rigid
-from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, allocate, clip4, thrusts_after
+from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, allocate, clip, clip4, thrusts_after
 from quadpend_gym.physics.vectors import (
-    Four,
     Vec3,
     add,
     apply,
     axpy,
+    axpy4,
     cross,
     inverse,
     load,
     load_four,
+    minus4,
     multiply,
     store_four,
 )
@@ -64,11 +65,6 @@ def _response(simulation: Simulation) -> tuple[float, float, float]:
     return 1.0 / share, 1.0 / effects[0], effects[1]
 
 
-@inlined
-def _limited(action: float) -> float:
-    return min(max(action, -1.0), 1.0)
-
-
 @compiled
 def _rigid_actions(
     command: Floats, rigid: Floats, packed: Floats, hover: Floats, response: Floats, out: Floats32
@@ -84,14 +80,9 @@ def _rigid_actions(
             demanded = clip4(demanded, rotors.lowest, rotors.highest)
         thrusts = load_four(rigid.T, ROTOR_THRUST, row)
         now = multiply(rotors.mixing, thrusts)
-        wrench = Four(
-            now.a + response[0] * (demanded.a - now.a),
-            now.b + response[0] * (demanded.b - now.b),
-            now.c + response[0] * (demanded.c - now.c),
-            now.d + response[0] * (demanded.d - now.d),
-        )
+        wrench = axpy4(response[0], minus4(demanded, now), now)
         for i in range(4):
-            out[row, i] = _limited((wrench[i] - hover[i]) / scales[i])
+            out[row, i] = clip((wrench[i] - hover[i]) / scales[i], -1.0, 1.0)
         if settings.interface == BODY_RATES:
             rate = load(rigid.T, BODY_RATE, row)
             passive = add(settings.trim, cross(rate, apply(inertia, rate)))
@@ -99,13 +90,13 @@ def _rigid_actions(
             present = apply(per_inertia, axpy(-1.0, passive, Vec3(now.b, now.c, now.d)))
             rates = axpy(response[1], axpy(-response[2], present, wanted), rate)
             for i in range(3):
-                out[row, 1 + i] = _limited(rates[i] / scales[1 + i])
+                out[row, 1 + i] = clip(rates[i] / scales[1 + i], -1.0, 1.0)
         elif settings.interface == ROTOR_THRUSTS:
             wanted_thrusts = allocate(wrench, rotors)
             for i in range(4):
                 low, middle, high = rotors.lowest[i], rotors.hover[i], rotors.highest[i]
                 change = wanted_thrusts[i] - middle
-                out[row, i] = _limited(change / (high - middle if change > 0.0 else middle - low))
+                out[row, i] = clip(change / (high - middle if change > 0.0 else middle - low), -1.0, 1.0)
 
 
 def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> Floats32:

@@ -78,16 +78,15 @@ def rate_loop_gains(time_constant: float, lag: float, step: float) -> tuple[floa
 
 
 @inlined
-def _clip(value: float, low: float, high: float) -> float:
+def clip(value: float, low: float, high: float) -> float:
+    """Return a number limited to [low, high]."""
     return min(max(value, low), high)
 
 
 @inlined
 def clip4(v: Four, low: Four, high: Four) -> Four:
     """Return v with each component limited to [low, high]."""
-    return Four(
-        _clip(v.a, low.a, high.a), _clip(v.b, low.b, high.b), _clip(v.c, low.c, high.c), _clip(v.d, low.d, high.d)
-    )
+    return Four(clip(v.a, low.a, high.a), clip(v.b, low.b, high.b), clip(v.c, low.c, high.c), clip(v.d, low.d, high.d))
 
 
 @inlined
@@ -172,10 +171,10 @@ def allocate(wrench: Four, rotors: RotorSettings) -> Four:
         max(max(exact.a, exact.b), max(exact.c, exact.d)) - high,
     )
     return Four(
-        select(excess <= 0.0, exact.a, _clip(near.a, low, high)),
-        select(excess <= 0.0, exact.b, _clip(near.b, low, high)),
-        select(excess <= 0.0, exact.c, _clip(near.c, low, high)),
-        select(excess <= 0.0, exact.d, _clip(near.d, low, high)),
+        select(excess <= 0.0, exact.a, clip(near.a, low, high)),
+        select(excess <= 0.0, exact.b, clip(near.b, low, high)),
+        select(excess <= 0.0, exact.c, clip(near.c, low, high)),
+        select(excess <= 0.0, exact.d, clip(near.d, low, high)),
     )
 
 

@@ -162,6 +162,18 @@ def times(factor: float, v: Four) -> Four:
 
 
 @inlined
+def axpy4(factor: float, x: Four, y: Four) -> Four:
+    """Return y + factor · x."""
+    return Four(y.a + factor * x.a, y.b + factor * x.b, y.c + factor * x.c, y.d + factor * x.d)
+
+
+@inlined
+def minus4(a: Four, b: Four) -> Four:
+    """Return a − b."""
+    return Four(a.a - b.a, a.b - b.b, a.c - b.c, a.d - b.d)
+
+
+@inlined
 def load_four(lanes: Any, first: int, lane: int) -> Four:
     """Return the four numbers from row `first` in column `lane`."""
     return Four(lanes[first, lane], lanes[first + 1, lane], lanes[first + 2, lane], lanes[first + 3, lane])

@@ -74,6 +74,7 @@ from quadpend_baselines.estimation.estimator import (
     Prediction,
     advance,
     carry_forward,
+    is_bounded,
     law_inputs,
     load_action,
     measure,
@@ -290,9 +291,7 @@ def _observe(
         first = observer_inputs(seen, before.T, row, command, numbers, model)
         second = observer_inputs(m, before.T, row, command, numbers, model)
         update_observers(memory, row, first, second, observer_outputs(m, model), bank, numbers.period)
-        is_valid = True  # false for nan as well
-        for i in range(4 * bank.shape[0]):
-            is_valid = is_valid and abs(out[row, i]) < _MAX_ESTIMATE
+        is_valid = is_bounded(memory, row, 4 * bank.shape[0], _MAX_ESTIMATE)
         if plant.sensor_delay > 0:  # a delayed sensor repeats its first sample
             following = PLANT + (out.shape[1] - PLANT) // 2
             is_valid = is_valid and before[row, following + AGE] > plant.sensor_delay
@@ -366,10 +365,7 @@ def _commands(
         store_vectors(then, PLANT_DISTURBANCE, row, estimated_forces(out.T, row, numbers, model))
         if loop.parts.shape[0] > 1:
             carry_forward(then, row, chosen, loop, rigid, buffer)
-            is_bounded = True
-            for i in range(STATE_SIZE):
-                is_bounded = is_bounded and abs(later[row, i]) < _MAX_STATE
-            if is_bounded:
+            if is_bounded(then, row, STATE_SIZE, _MAX_STATE):
                 state, _, ahead = law_inputs(later, row)
                 present = measurement_of_state(s, reference, model, rigid)
                 chains_of_state(s, reference, present, model, rigid, -1.0, chains, 0)

@@ -35,7 +35,7 @@ from quadpend_gym.core.elementary import arctan2, sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
-from quadpend_gym.physics.vectors import Four, store_four
+from quadpend_gym.physics.vectors import Four, axpy4, minus4, store_four
 
 unpack_gains = unpacker(DualModeGains)
 
@@ -72,12 +72,7 @@ def dual_mode(
     scale = gains.near.position * gains.near.position * period
     share = _fade(np.sqrt(scale * max(remaining, 0.0)), gains.near_error, gains.far_error)
     share = share * _fade(tilt, gains.near_tilt, gains.far_tilt)
-    return Four(
-        far.a + share * (command.a - correction.a - far.a),
-        far.b + share * (command.b - correction.b - far.b),
-        far.c + share * (command.c - correction.c - far.c),
-        far.d + share * (command.d - correction.d - far.d),
-    )
+    return axpy4(share, minus4(minus4(command, correction), far), far)
 
 
 @compiled

@@ -59,7 +59,7 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.rotors import allocate, clip4
-from quadpend_gym.physics.vectors import Four, Vec3, load, multiply, store, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, load, minus4, multiply, store, store_four
 
 _OUTPUTS = 3
 
@@ -170,11 +170,6 @@ def feedback(x: Any, gain: Any, first: int) -> Four:
 
 
 @inlined
-def _minus(a: Four, b: Four) -> Four:
-    return Four(a.a - b.a, a.b - b.b, a.c - b.c, a.d - b.d)
-
-
-@inlined
 def _attained(command: Four, scale: Four, rigid: RigidSettings | None) -> Four:
     """Return thrust (N) and torques (N·m) within the limits of the vehicle."""
     if rigid is None:
@@ -206,11 +201,11 @@ def lqr(
     near = limit_length(x.position, numbers.reach)
     position = Vec3(near.x, near.y, x.position.z)
     x = VehicleState(position, x.velocity, x.euler, x.euler_rate, x.direction, x.direction_rate)
-    command = _minus(command, feedback(model_state(x, 0.0, 1.0), gain, 0))
+    command = minus4(command, feedback(model_state(x, 0.0, 1.0), gain, 0))
     if gain.shape[1] == MODEL_STATE_SIZE:
         return command, integral
     sine, cosine = sincos(s.euler.z)
-    command = _minus(command, feedback(turn3(integral, -sine, cosine), gain, MODEL_STATE_SIZE))
+    command = minus4(command, feedback(turn3(integral, -sine, cosine), gain, MODEL_STATE_SIZE))
     error, applied = turn3(bob_offset(x, model.vehicle.rod_length)[0], sine, cosine), numbers.command_scale
     applied = _attained(command, applied, rigid)
     excess = max(

@@ -44,9 +44,9 @@ from quadpend_baselines.modelling.linear_model import (
     POSITION,
     STATE_COLUMNS,
     VELOCITY,
+    limit_norm,
     rotate_state,
 )
-from quadpend_baselines.modelling.planar import limit_norm
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.physics.plants import plant_of

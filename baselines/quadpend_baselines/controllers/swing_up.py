@@ -39,8 +39,7 @@ from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.estimation.estimator import Estimate, measurement_from_observation
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import SwingUpGains
-from quadpend_baselines.modelling.linear_model import STATE_COLUMNS
-from quadpend_baselines.modelling.planar import limit_norm, rotate
+from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, limit_norm, rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers

@@ -534,11 +534,11 @@ def _bounded(value: float) -> float:
 
 
 @inlined
-def _is_bounded(memory: Any, lane: int) -> bool:
-    """Return whether a state is small enough; false for nan as well."""
+def is_bounded(memory: Any, lane: int, size: int, limit: float) -> bool:
+    """Return whether the first `size` numbers are below a limit; false for nan as well."""
     out = True
-    for i in range(STATE_SIZE):
-        out = out and abs(memory[i, lane]) < _MAX_ESTIMATE
+    for i in range(size):
+        out = out and abs(memory[i, lane]) < limit
     return out
 
 
@@ -559,10 +559,10 @@ def _observe(
         gain = table[min(int(before[row, AGE]), table.shape[0] - 1)]
         advance(memory, row, load_action(action, row), 0, loop, rigid, buffer)
         correct(memory, row, measured, has_rates, wanted, gain, mass_share, model.vehicle, rigid, buffer)
-        is_bounded = _is_bounded(memory, row)
+        is_valid = is_bounded(memory, row, STATE_SIZE, _MAX_ESTIMATE)
         # A delayed sensor repeats its first sample.
-        if not (is_bounded and out[row, AGE] > loop.plant.sensor_delay):
-            out[row, AGE] = out[row, AGE] if is_bounded else 0.0
+        if not (is_valid and out[row, AGE] > loop.plant.sensor_delay):
+            out[row, AGE] = out[row, AGE] if is_valid else 0.0
             begin(memory, row, measured, has_rates, wanted, model, rigid)
 
 

@@ -48,16 +48,6 @@ from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, Disturbanc
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START, read_observation
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
-__all__ = [
-    "HYBRIDS",
-    "BandwidthScheduling",
-    "EstimateOnly",
-    "Hybrid",
-    "HybridMemory",
-    "ResidualAction",
-    "hybrid_from_data",
-]
-
 ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
 FallbackGain = Annotated[float, Range(0.0, 10.0)]  # γ of equation (4); 0 disables the fallback
 _MAGNIFICATION = np.float32(10.0)  # factor on small deviations in the policy's observation

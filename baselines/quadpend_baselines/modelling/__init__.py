@@ -1,1 +1,1 @@
-"""Models for controller design: linear model, flat outputs, Taylor series, planar vectors."""
+"""Models for controller design: linear model, flat outputs, Taylor series."""

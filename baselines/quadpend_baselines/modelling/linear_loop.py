@@ -98,11 +98,7 @@ def _register(steps: int, size: int, period: float) -> Any:
 
 
 def vehicle_model(scenario: Scenario) -> Any:
-    """Return the model (1) of a scenario: its vehicle, interface, latency, actuators and sensors at hover.
-
-    Raises:
-        ValueError: A sensor is slower than the control loop, which then has no model of one period.
-    """
+    """Return the model (1) of a scenario: its vehicle, interface, latency, actuators and sensors at hover."""
     if is_slower(scenario):
         raise ValueError("a sensor that is slower than the control loop has no linear model of one control period")
     period, measured, one = scenario.period, _measured(scenario), np.eye(ACTION_SIZE)

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.modelling.planar import rotate
 from quadpend_baselines.modelling.quantities import VehicleState, turn3
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
@@ -126,3 +125,22 @@ def state_of_model(x: Any, sine: float, cosine: float) -> VehicleState:
         turn3(r, sine, cosine),
         turn3(r_dot, sine, cosine),
     )
+
+
+def rotate(rows: Floats, yaw: Floats, *columns: int) -> Floats:
+    """Return a copy of rows, shape (n, k), with some horizontal vectors rotated about the vertical by `yaw`, rad, (n,).
+
+    `columns` are those of the x components; the y component of each vector is in the next column.
+    """
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    out = rows.copy()
+    for column in columns:
+        x, y = rows[:, column], rows[:, column + 1]
+        out[:, column], out[:, column + 1] = cosine * x - sine * y, sine * x + cosine * y
+    return out
+
+
+def limit_norm(vector: Floats, limit: float) -> Floats:
+    """Return vectors, shape (n, k), scaled down so that no norm exceeds `limit`."""
+    norm = np.linalg.norm(vector, axis=1, keepdims=True)
+    return np.asarray(vector * (limit / np.maximum(norm, limit)))

@@ -13,7 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from itertools import islice
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from tqdm.auto import tqdm
 
@@ -21,14 +21,8 @@ from quadpend_gym.core.factories import describe_error
 from quadpend_train.common.text import brief
 
 Name = TypeVar("Name", bound=Hashable)
+Call = Callable[[], Any]
 _LONGEST = 400  # characters of the message of a failure
-
-
-class Call(Protocol):
-    """A function without arguments."""
-
-    def __call__(self) -> Any:
-        """Return the result."""
 
 
 class CallsFailedError(RuntimeError):

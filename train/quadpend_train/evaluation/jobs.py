@@ -69,7 +69,7 @@ def run_jobs(
     """Run all jobs and return their results, which do not depend on `processes`; only missing results are computed."""
     files = {name: job.file(cache_folder) for name, job in jobs.items()}
     results = {name: _load(path) for name, path in files.items() if path and path.exists()}
-    missing = {name: job for name, job in jobs.items() if name not in results}
+    missing: dict[Name, Any] = {name: job for name, job in jobs.items() if name not in results}
 
     def save(name: Name, result: EpisodeResults) -> None:
         if path := files[name]:

@@ -56,21 +56,12 @@ class SideBySideView:
             last = len(recording.snapshots) - 1
             self.picture.draw(part, recording.snapshots[min(step, last)], recording.name, COLOURS[i])
             if step >= last and recording.fell_at is not None:
-                _draw_fall(part, recording.fell_at)
+                middle = part.get_width() / 2, 0.62 * chart_top
+                write(part, f"fell at {recording.fell_at:.1f} s", middle, chart_top // 12, palette.INK, "center")
         size = (width, height - chart_top)
         if self._charts is None or self._charts.size != size:
             self._charts = _Charts(self._recordings, self._period, self.steps, size)
         self._charts.draw(surface.subsurface((0, chart_top, *size)), self._period * (step + 1))
-
-
-def _draw_fall(surface: Any, time: float) -> None:
-    """Fade the picture of a policy and write when it fell, s."""
-    width, height = surface.get_size()
-    veil = pygame.Surface((width, height))
-    veil.fill(palette.WHITE)
-    veil.set_alpha(90)
-    surface.blit(veil, (0, 0))
-    write(surface, f"fell at {time:.1f} s", (width / 2, 0.62 * height), height // 12, palette.INK, "center")
 
 
 class _Charts:
