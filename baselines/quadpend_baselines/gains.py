@@ -63,6 +63,8 @@ class EstimatorGains:
     force_walk: NotNegative = 3.0  # random walk of the force on the quadrotor, N/√s
     bob_force_walk: NotNegative = 0.1  # random walk of the force on the bob, N/√s
     torque_walk: NotNegative = 0.1  # random walk of the torque, N·m/√s
+    torque_noise: NotNegative = 0.0  # white noise of the torque, N·m·√s; it is larger than that of any wind
+    models_loop: bool = False  # whether the gain is designed with the rate loop and the lag of the rotors
     mass_time: NotNegative = 0.0  # s, time constant of the estimate μ̂ of weight to thrust; 0: μ̂ = 1
     predicts: bool = True  # whether known delays and lags of the loop are predicted through
 
@@ -115,6 +117,20 @@ class DualModeGains:
     def estimator(self) -> EstimatorGains:
         """Both laws use the estimates of `far`."""
         return self.far.estimator
+
+
+@settings
+class LqgGains:
+    """Gains of `controllers.lqg`."""
+
+    far: FlatnessGains = FlatnessGains()  # far from the reference; its estimator is not used
+    effort: Positive = 0.03  # m, the tracking error that counts as much as an action of 1
+    yaw: Positive = 0.1  # m, the tracking error that counts as much as a yaw error of 1 rad
+    near_error: NotNegative = 0.09  # ε₀, m √s: below ε₀ and α₀ only the law near the reference
+    far_error: NotNegative = 0.16  # ε₁, m √s: above ε₁ or α₁ only the law far from it
+    near_tilt: NotNegative = 0.15  # α₀, rad
+    far_tilt: NotNegative = 0.3  # α₁, rad
+    estimator: EstimatorGains = EstimatorGains(models_loop=True)
 
 
 @settings
@@ -181,6 +197,7 @@ KINDS: dict[str, type] = {
     "lqr": LqrGains,
     "flatness": FlatnessGains,
     "dual-mode": DualModeGains,
+    "lqg": LqgGains,
     "mppi": MppiGains,
     "nmpc": NmpcGains,
     "swing-up": SwingUpGains,

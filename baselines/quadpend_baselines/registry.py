@@ -9,6 +9,7 @@ from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
+from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.nmpc import Nmpc
@@ -25,6 +26,7 @@ _FACTORIES: dict[type, Callable[[Any, Simulation | None], Controller]] = {
     gains.LqrGains: partial(OutputFeedback, Lqr),
     gains.FlatnessGains: partial(OutputFeedback, Flatness),
     gains.DualModeGains: partial(OutputFeedback, DualMode),
+    gains.LqgGains: partial(OutputFeedback, Lqg),
     gains.MppiGains: partial(OutputFeedback, Mppi),
     gains.NmpcGains: partial(OutputFeedback, Nmpc),
     gains.SwingUpGains: SwingUp,

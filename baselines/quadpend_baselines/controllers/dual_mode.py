@@ -47,6 +47,15 @@ def _fade(value: float, near: float, far: float) -> float:
 
 
 @inlined
+def near_share(s: VehicleState, error: float, gains: Any) -> float:
+    """Return s of equation (4) for ε (m √s); the gains have the thresholds of both fades."""
+    upright = min(s.direction.z, sincos(s.euler.x)[1] * sincos(s.euler.y)[1])
+    tilt = arctan2(np.sqrt(max(1.0 - upright * upright, 0.0)), upright)
+    share = _fade(error, gains.near_error, gains.far_error)
+    return share * _fade(tilt, gains.near_tilt, gains.far_tilt)
+
+
+@inlined
 def dual_mode(
     s: VehicleState,
     disturbance: Forces,
@@ -67,11 +76,8 @@ def dual_mode(
     for i in range(len(x)):
         for j in range(len(x)):
             remaining += x[i] * cost[i, j] * x[j]
-    upright = min(s.direction.z, sincos(s.euler.x)[1] * sincos(s.euler.y)[1])
-    tilt = arctan2(np.sqrt(max(1.0 - upright * upright, 0.0)), upright)
     scale = gains.near.position * gains.near.position * period
-    share = _fade(np.sqrt(scale * max(remaining, 0.0)), gains.near_error, gains.far_error)
-    share = share * _fade(tilt, gains.near_tilt, gains.far_tilt)
+    share = near_share(s, np.sqrt(scale * max(remaining, 0.0)), gains)
     return axpy4(share, minus4(minus4(command, correction), far), far)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
+from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.nmpc import Nmpc
@@ -98,7 +99,7 @@ class OutputFeedback(Controller):
             nominal.disturbance[:, :TORQUE] /= estimate.mass_ratio
         command, law_memory = self._law.command(nominal, estimation.law_memory, **options)
         mass_ratio = estimate.mass_ratio[:, 0]
-        if isinstance(self._law, Nmpc):  # its commands are actions, of which a zero thrust is that of hover
+        if isinstance(self._law, Lqg | Nmpc):  # their commands are actions, of which a zero thrust is that of hover
             command[:, THRUST] = mass_ratio * (1.0 + command[:, THRUST]) - 1.0
             wanted = np.clip(command, -1.0, 1.0).astype(np.float32)
         else:

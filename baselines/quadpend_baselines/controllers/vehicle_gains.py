@@ -25,6 +25,7 @@ from quadpend_baselines.gains import (
     DualModeGains,
     EstimatorGains,
     FlatnessGains,
+    LqgGains,
     LqrGains,
     MppiGains,
     NmpcGains,
@@ -49,6 +50,7 @@ EXPONENTS: dict[type, dict[str, float]] = {
     },
     LqrGains: {"position": -2, "velocity": -1, "angle_rate": 1, "reach": -2, "integral": -3, "integral_limit": -3},
     DualModeGains: {"near_error": -2.5, "far_error": -2.5},
+    LqgGains: {"effort": -2, "yaw": -2, "near_error": -2.5, "far_error": -2.5},
     NmpcGains: {"period": -1},
 }
 
@@ -69,6 +71,7 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
         factors["force_walk"] = rate**0.5 * other.hover_thrust / tuned.hover_thrust
         factors["bob_force_walk"] = rate**0.5 * other.bob_mass / tuned.bob_mass
         factors["torque_walk"] = rate**2.5 * other.inertia_roll / tuned.inertia_roll
+        factors["torque_noise"] = rate**1.5 * other.inertia_roll / tuned.inertia_roll
     if isinstance(gains, MppiGains):
         gains = replace(gains, steps_per_period=max(round(gains.steps_per_period / rate), 1))
     present = {path: attrgetter(path)(gains) for path in factors}

@@ -45,7 +45,13 @@ from quadpend_baselines.estimation.loop import Loop, act, compensate
 from quadpend_baselines.gains import EstimatorGains
 from quadpend_baselines.modelling import linear_model
 from quadpend_baselines.modelling.equivalent import Pendulum, equivalent_model, follow
-from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE, linearise, model_state, state_of_model
+from quadpend_baselines.modelling.linear_model import (
+    MODEL_STATE_SIZE,
+    linearise,
+    linearise_actions,
+    model_state,
+    state_of_model,
+)
 from quadpend_baselines.modelling.quantities import (
     Derivatives,
     Forces,
@@ -627,14 +633,16 @@ def gain_table(gains: EstimatorGains, simulation: Simulation, has_rates: bool) -
 
     The shape is (100, 24, 16); columns of rates that are not measured are zero.
     """
-    model = linearise(simulation)
-    size = MODEL_STATE_SIZE + linear_model.MODEL_DISTURBANCE_SIZE
-    is_state, is_disturbance = slice(0, MODEL_STATE_SIZE), slice(MODEL_STATE_SIZE, size)
+    model = linearise_actions(simulation) if gains.models_loop else linearise(simulation)
+    states = len(model.transition)  # with the thrusts of the rotors, which are not corrected
+    size = states + linear_model.MODEL_DISTURBANCE_SIZE
+    is_state, is_disturbance = slice(0, states), slice(states, size)
     transition = np.eye(size)
     transition[is_state, is_state], transition[is_state, is_disturbance] = model.transition, model.disturbance
     walk = _model_disturbance(gains.force_walk, gains.bob_force_walk, gains.torque_walk)
-    process = np.zeros(size)
-    process[is_disturbance] = walk**2 * simulation.period
+    process = np.diag(np.concatenate([np.zeros(states), walk**2 * simulation.period]))
+    by_torque = gains.torque_noise * model.disturbance[:, linear_model.MODEL_TORQUE]
+    process[is_state, is_state] += by_torque @ by_torque.T / simulation.period
     noise = np.empty(MODEL_STATE_SIZE)
     noise[_MEASURED_COLUMNS] = gains.noise**2
     is_rate = np.setdiff1d(np.arange(MODEL_STATE_SIZE), _MEASURED_COLUMNS)
@@ -642,18 +650,19 @@ def gain_table(gains: EstimatorGains, simulation: Simulation, has_rates: bool) -
     measured = np.arange(MODEL_STATE_SIZE) if has_rates else _MEASURED_COLUMNS
     output = np.eye(size)[measured]
     initial_disturbance = _model_disturbance(_INITIAL_FORCE, _INITIAL_BOB_FORCE, _INITIAL_TORQUE)
-    variance = np.concatenate([noise, initial_disturbance**2])
+    variance = np.concatenate([noise, np.zeros(states - MODEL_STATE_SIZE), initial_disturbance**2])
     if not has_rates:
         variance[is_rate] = _INITIAL_RATE**2
     covariance = np.diag(variance)
     table = np.zeros((_VARYING_STEPS, size, MODEL_STATE_SIZE))
+    kept = np.r_[:MODEL_STATE_SIZE, states:size]
     for step in range(_VARYING_STEPS):
-        predicted = transition @ covariance @ transition.T + np.diag(process)
+        predicted = transition @ covariance @ transition.T + process
         gain = np.linalg.solve(output @ predicted @ output.T + np.diag(noise[measured]), output @ predicted).T
         error_transition = np.eye(size) - gain @ output
         covariance = error_transition @ predicted @ error_transition.T + gain @ np.diag(noise[measured]) @ gain.T
         table[step][:, measured] = gain
-    return table
+    return np.ascontiguousarray(table[:, kept])
 
 
 def _model_disturbance(force: float, bob_force: float, torque: float) -> Floats:

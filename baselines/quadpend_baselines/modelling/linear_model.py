@@ -23,7 +23,9 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.plants import plant_of
+from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.state import (
+    ACTION_SIZE,
     BOB_FORCE,
     COMMAND_SIZE,
     DIRECTION,
@@ -50,7 +52,7 @@ _STEP = 1e-4  # step of the central differences; their error is of order 1e-8
 
 
 class LinearModel(NamedTuple):
-    """A, B and E of equation (1), shapes (16, 16), (16, 4) and (16, 8)."""
+    """A, B and E of equation (1), shapes (16, 16), (16, 4) and (16, 8), or with 20 states of a rigid vehicle."""
 
     transition: Floats
     input: Floats
@@ -77,6 +79,27 @@ def linearise(simulation: Simulation) -> LinearModel:
     plus, minus = np.split(state[:, STATE_COLUMNS], 2)
     jacobian = ((plus - minus) / (2.0 * _STEP)).T
     return LinearModel(*np.split(jacobian, np.cumsum(sizes)[:-1], axis=1))
+
+
+def linearise_actions(simulation: Simulation) -> LinearModel:
+    """Return the model (1) with actions in place of u, at once, with the rate loop and the lag of the rotors.
+
+    For a rigid vehicle the thrusts of the rotors follow x; without rotors these are thrust and torques.
+    """
+    plant = plant_of(simulation)
+    sizes = (MODEL_STATE_SIZE, ACTION_SIZE if plant.memory_size else 0, ACTION_SIZE, MODEL_DISTURBANCE_SIZE)
+    steps = _STEP * np.concatenate([np.eye(sum(sizes)), -np.eye(sum(sizes))])
+    x, thrusts, action, model_disturbance = np.split(steps, np.cumsum(sizes)[:-1], axis=1)
+    state, disturbance = np.zeros((len(steps), STATE_SIZE)), np.zeros((len(steps), DISTURBANCE_SIZE))
+    State(state).direction[:, 2] = 1.0
+    state[:, STATE_COLUMNS] += x
+    disturbance[:, DISTURBANCE_COLUMNS] = model_disturbance
+    memory, parameters = plant.initial_memory(state), np.tile(simulation.parameters.as_array(), (len(steps), 1))
+    memory[:, ROTOR_THRUST:] += thrusts
+    plant.advance(state, memory, np.ascontiguousarray(action), disturbance, parameters)
+    plus, minus = np.split(np.hstack([state[:, STATE_COLUMNS], memory[:, ROTOR_THRUST:]]), 2)
+    jacobian = ((plus - minus) / (2.0 * _STEP)).T
+    return LinearModel(*np.split(jacobian, [sum(sizes[:2]), sum(sizes[:3])], axis=1))
 
 
 def rotate_state(x: Floats, yaw: Floats) -> Floats:

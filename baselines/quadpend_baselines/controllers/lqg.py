@@ -1,0 +1,119 @@
+"""LQG: linear-quadratic feedback of a Kalman filter's estimates near the reference, the flatness-based cascade elsewhere.
+
+    (1)  a = s a_near + (1 − s) a_far
+    (2)  a_near = a_d − F (x − x_d),    F = (ρ + BᵀPB)⁻¹ BᵀPA,    J = Σ |e|² + q² ψ² + ρ |a|²
+    (3)  a_far                                                       the action of `flatness`
+    (4)  s, with ε = √(T (x − x_d)ᵀ P (x − x_d))                      that of `dual_mode`
+
+x is the state of `linear_model` with the thrusts of the rotors, and A and B lead from actions to x, with the rate loop
+and the lag of the rotors, so that √ρ (`effort`) weighs what the vehicle is commanded. x_d and a_d follow the reference
+under the estimated wind, see `modelling.equivalent`. x is predicted to the time when the action begins to act, through
+the known latency: for a known delay this is the optimal feedback of the delayed actions.
+
+The Kalman filter is `estimation.estimator` with the same linear model: its noise is that of the sensors, and the force
+of the wind is a random walk as strong as the assumed wind, σ √(2/τ) for the standard deviation σ and the time constant
+τ. `torque_noise` is white noise of the torque, which no wind makes. It bounds the delay margin from below, together
+with ρ: LQG guarantees none (Doyle, IEEE Transactions on Automatic Control 23(4), 1978), and with more of both the loop
+relies less on the model. `experiments/lqg_front.py` has found the smallest error for each margin.
+"""
+
+from dataclasses import astuple, dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from quadpend_baselines.controllers.dual_mode import near_share
+from quadpend_baselines.controllers.flatness import flatness
+from quadpend_baselines.controllers.lqr import deviation, output_matrix
+from quadpend_baselines.estimation.estimator import MASS_RATIO, RIGID_PART, Estimate, law_inputs
+from quadpend_baselines.gains import LqgGains
+from quadpend_baselines.modelling.equivalent import equivalent_model, unpack_pendulum
+from quadpend_baselines.modelling.linear_model import EULER, MODEL_STATE_SIZE, linearise_actions, model_state
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import compiled
+from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.physics.attitude import body_rate
+from quadpend_gym.physics.plants import plant_of
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE, ROTOR_THRUST
+from quadpend_gym.physics.rigid_settings import unpack_rigid
+from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.physics.vectors import Four, Vec3, axpy, multiply, store, store_four
+
+_LEAST = 1e-6  # m, the tracking error that counts as much as any state of 1
+unpack_gains = unpacker(LqgGains)
+
+
+@lru_cache(maxsize=32)
+def riccati(gains: LqgGains, simulation: Simulation) -> tuple[Floats, Floats]:
+    """Return F and P of equation (2), shapes (4, n) and (n, n); n is 20 for rigid vehicles, and else 16."""
+    A, B, _ = linearise_actions(simulation)
+    output = np.pad(output_matrix(simulation.parameters.rod_length), ((0, 0), (0, len(A) - MODEL_STATE_SIZE)))
+    Q, R = output.T @ output + _LEAST**2 * np.eye(len(A)), gains.effort**2 * np.eye(ACTION_SIZE)
+    Q[EULER, EULER][2, 2] += gains.yaw**2
+    P = solve_discrete_are(A, B, Q, R)
+    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A).astype(np.float64), P.astype(np.float64)
+
+
+@compiled
+def _deviations(estimate: Floats, packed: Any, packed_rigid: Floats | None, outs: Any) -> None:
+    """Write the command of `flatness`, u_d, rates and thrusts of the desired trajectory, x − x_d and s."""
+    gains, pendulum = unpack_gains(packed[0]), unpack_pendulum(packed[1])
+    cost, period = packed[2], packed[3]
+    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    far, command, desired, x, share = outs
+    for row in range(far.shape[0]):
+        state, forces, reference = law_inputs(estimate, row)
+        scale = Four(1.0, 1.0, 1.0, 1.0)
+        store_four(far.T, 0, row, flatness(state, forces, reference, scale, gains.far, pendulum, rigid))
+        error, wanted = deviation(state, forces, reference, pendulum, rigid)
+        store_four(command.T, 0, row, wanted)
+        deviations = model_state(error, 0.0, 1.0)
+        for i in range(MODEL_STATE_SIZE):
+            x[row, i] = deviations[i]
+        if rigid is not None:
+            euler = Vec3(state.euler.x - error.euler.x, state.euler.y - error.euler.y, state.euler.z)
+            rate = body_rate(euler, axpy(-1.0, error.euler_rate, state.euler_rate))
+            store(desired.T, BODY_RATE, row, rate)
+            thrusts = multiply(rigid.rotors.unmixing, wanted)
+            store_four(desired.T, ROTOR_THRUST, row, thrusts)
+            for i in range(ACTION_SIZE):
+                thrust = estimate[row, RIGID_PART + ROTOR_THRUST + i] / estimate[row, MASS_RATIO]
+                x[row, MODEL_STATE_SIZE + i] = thrust - thrusts[i]
+        remaining = 0.0
+        for i in range(x.shape[1]):
+            for j in range(x.shape[1]):
+                remaining += x[row, i] * cost[i, j] * x[row, j]
+        share[row, 0] = near_share(state, np.sqrt(period * max(remaining, 0.0)), gains)
+
+
+@dataclass(frozen=True)
+class Lqg:
+    """The control law (1)–(4) for n rows; its commands are actions."""
+
+    gains: LqgGains
+    simulation: Simulation
+
+    @cached_property
+    def _numbers(self) -> tuple[Any, Floats | None, Floats]:
+        model = equivalent_model(self.simulation)
+        feedback, cost = (np.ascontiguousarray(matrix) for matrix in riccati(self.gains, self.simulation))
+        packed = pack(astuple(self.gains)), model.packed, cost, self.simulation.period
+        return packed, model.packed_rigid, feedback
+
+    def initial_memory(self, rows: int) -> tuple[()]:
+        """Return an empty tuple: this law has no memory."""
+        return ()
+
+    def command(self, estimate: Estimate, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
+        """Return the actions of equation (1), shape (n, 4), which can exceed [−1, 1]; the memory stays empty."""
+        packed, packed_rigid, feedback = self._numbers
+        rows, plant = len(estimate.array), plant_of(self.simulation)
+        far, command, desired = np.empty((rows, 4)), np.empty((rows, 4)), np.empty((rows, RIGID_SIZE))
+        x, share = np.empty((rows, feedback.shape[1])), np.empty((rows, 1))
+        _deviations(estimate.array, packed, packed_rigid, (far, command, desired, x, share))
+        by_flatness, _ = plant.actions_for(far, estimate.rigid)
+        following, _ = plant.actions_for(command, desired)
+        return by_flatness + share * (following - x @ feedback.T - by_flatness), memory
