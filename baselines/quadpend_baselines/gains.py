@@ -125,6 +125,7 @@ class LqgGains:
 
     far: FlatnessGains = FlatnessGains()  # far from the reference; its estimator is not used
     effort: Positive = 0.03  # m, the tracking error that counts as much as an action of 1
+    wind_time: Positive = 3.0  # s, time constant with which the feedback expects the estimated wind to fade
     yaw: Positive = 0.1  # m, the tracking error that counts as much as a yaw error of 1 rad
     near_error: NotNegative = 0.09  # ε₀, m √s: below ε₀ and α₀ only the law near the reference
     far_error: NotNegative = 0.16  # ε₁, m √s: above ε₁ or α₁ only the law far from it

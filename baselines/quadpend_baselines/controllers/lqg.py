@@ -1,20 +1,22 @@
-"""LQG: linear-quadratic feedback of a Kalman filter's estimates near the reference, the flatness-based cascade elsewhere.
+"""LQG: linear-quadratic feedback of a Kalman filter near the reference, the flatness-based cascade elsewhere.
 
     (1)  a = s a_near + (1 − s) a_far
-    (2)  a_near = a_d − F (x − x_d),    F = (ρ + BᵀPB)⁻¹ BᵀPA,    J = Σ |e|² + q² ψ² + ρ |a|²
+    (2)  a_near = a_d − F z,    F = (R + BᵀPB)⁻¹ BᵀPA,    J = Σ |e|² + q² ψ² + ρ (|a|² + |δf|²)
     (3)  a_far                                                       the action of `flatness`
-    (4)  s, with ε = √(T (x − x_d)ᵀ P (x − x_d))                      that of `dual_mode`
+    (4)  s, with ε = √(T zᵀ P z)                                      as in `dual_mode`
 
-x is the state of `linear_model` with the thrusts of the rotors, and A and B lead from actions to x, with the rate loop
-and the lag of the rotors, so that √ρ (`effort`) weighs what the vehicle is commanded. x_d and a_d follow the reference
-under the estimated wind, see `modelling.equivalent`. x is predicted to the time when the action begins to act, through
-the known latency: for a known delay this is the optimal feedback of the delayed actions.
+z are the deviations from the trajectory in still air: the state of `linear_model`, the thrusts f of the rotors, and the
+estimated wind, which is expected to fade with a time constant (`wind_time`: a first-order Gauss–Markov process). A and
+B lead from actions to z, with the rate loop and the lag of the rotors. δf is the deviation of f as a share of its value
+at hover, so that √ρ (`effort`) weighs commands and thrusts. a_d follows the reference, see `modelling.equivalent`. z is
+predicted to the time when the action begins to act, through the known latency: for a known delay this is the optimal
+feedback of the delayed actions.
 
-The Kalman filter is `estimation.estimator` with the same linear model: its noise is that of the sensors, and the force
-of the wind is a random walk as strong as the assumed wind, σ √(2/τ) for the standard deviation σ and the time constant
-τ. `torque_noise` is white noise of the torque, which no wind makes. It bounds the delay margin from below, together
-with ρ: LQG guarantees none (Doyle, IEEE Transactions on Automatic Control 23(4), 1978), and with more of both the loop
-relies less on the model. `experiments/lqg_front.py` has found the smallest error for each margin.
+The Kalman filter is `estimation.estimator` with the same linear model: its noise is that of the sensors, and the forces
+of the wind are random walks as strong as the assumed wind, σ √(2/τ) for its standard deviation σ and time constant τ.
+`torque_noise` is a white noise of the torque that no wind makes. It bounds the delay margin from below, together with
+ρ: LQG guarantees none (Doyle, IEEE Transactions on Automatic Control 23(4), 1978), and with more of both the loop
+relies less on the model. `experiments/lqg_front.py` searches the smallest error for each margin.
 """
 
 from dataclasses import astuple, dataclass
@@ -30,9 +32,20 @@ from quadpend_baselines.controllers.lqr import deviation, output_matrix
 from quadpend_baselines.estimation.estimator import MASS_RATIO, RIGID_PART, Estimate, law_inputs
 from quadpend_baselines.gains import LqgGains
 from quadpend_baselines.modelling.equivalent import equivalent_model, unpack_pendulum
-from quadpend_baselines.modelling.linear_model import EULER, MODEL_STATE_SIZE, linearise_actions, model_state
+from quadpend_baselines.modelling.linear_model import (
+    EULER,
+    MODEL_BOB_FORCE,
+    MODEL_DISTURBANCE_SIZE,
+    MODEL_FORCE,
+    MODEL_STATE_SIZE,
+    MODEL_TORQUE,
+    linearise_actions,
+    model_state,
+)
+from quadpend_baselines.modelling.quantities import calm, turn, turn3
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.attitude import body_rate
@@ -48,11 +61,15 @@ unpack_gains = unpacker(LqgGains)
 
 @lru_cache(maxsize=32)
 def riccati(gains: LqgGains, simulation: Simulation) -> tuple[Floats, Floats]:
-    """Return F and P of equation (2), shapes (4, n) and (n, n); n is 20 for rigid vehicles, and else 16."""
-    A, B, _ = linearise_actions(simulation)
+    """Return F and P of equation (2), shapes (4, n) and (n, n); n is 28 for rigid vehicles, and else 24."""
+    A, B, E = linearise_actions(simulation)
+    decay = np.exp(-simulation.period / gains.wind_time) * np.eye(MODEL_DISTURBANCE_SIZE)
+    A, B = np.block([[A, E], [np.zeros(E.T.shape), decay]]), np.pad(B, ((0, MODEL_DISTURBANCE_SIZE), (0, 0)))
     output = np.pad(output_matrix(simulation.parameters.rod_length), ((0, 0), (0, len(A) - MODEL_STATE_SIZE)))
     Q, R = output.T @ output + _LEAST**2 * np.eye(len(A)), gains.effort**2 * np.eye(ACTION_SIZE)
     Q[EULER, EULER][2, 2] += gains.yaw**2
+    for thrust in range(MODEL_STATE_SIZE, len(A) - MODEL_DISTURBANCE_SIZE):
+        Q[thrust, thrust] += (gains.effort * ACTION_SIZE / simulation.parameters.hover_thrust) ** 2
     P = solve_discrete_are(A, B, Q, R)
     return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A).astype(np.float64), P.astype(np.float64)
 
@@ -68,7 +85,7 @@ def _deviations(estimate: Floats, packed: Any, packed_rigid: Floats | None, outs
         state, forces, reference = law_inputs(estimate, row)
         scale = Four(1.0, 1.0, 1.0, 1.0)
         store_four(far.T, 0, row, flatness(state, forces, reference, scale, gains.far, pendulum, rigid))
-        error, wanted = deviation(state, forces, reference, pendulum, rigid)
+        error, wanted = deviation(state, calm(), reference, pendulum, rigid)
         store_four(command.T, 0, row, wanted)
         deviations = model_state(error, 0.0, 1.0)
         for i in range(MODEL_STATE_SIZE):
@@ -82,6 +99,14 @@ def _deviations(estimate: Floats, packed: Any, packed_rigid: Floats | None, outs
             for i in range(ACTION_SIZE):
                 thrust = estimate[row, RIGID_PART + ROTOR_THRUST + i] / estimate[row, MASS_RATIO]
                 x[row, MODEL_STATE_SIZE + i] = thrust - thrusts[i]
+        sine, cosine = sincos(state.euler.z)
+        wind = x.shape[1] - MODEL_DISTURBANCE_SIZE
+        force, bob_force = turn3(forces.force, -sine, cosine), turn(forces.bob_force, -sine, cosine)
+        torque = forces.torque if rigid is None else turn3(forces.torque, -sine, cosine)
+        for i in range(3):
+            x[row, wind + MODEL_FORCE.start + i], x[row, wind + MODEL_TORQUE.start + i] = force[i], torque[i]
+        for i in range(2):
+            x[row, wind + MODEL_BOB_FORCE.start + i] = bob_force[i]
         remaining = 0.0
         for i in range(x.shape[1]):
             for j in range(x.shape[1]):

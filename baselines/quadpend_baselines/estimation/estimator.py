@@ -650,6 +650,8 @@ def gain_table(gains: EstimatorGains, simulation: Simulation, has_rates: bool) -
     measured = np.arange(MODEL_STATE_SIZE) if has_rates else _MEASURED_COLUMNS
     output = np.eye(size)[measured]
     initial_disturbance = _model_disturbance(_INITIAL_FORCE, _INITIAL_BOB_FORCE, _INITIAL_TORQUE)
+    if gains.models_loop:
+        initial_disturbance = walk  # after 1 s
     variance = np.concatenate([noise, np.zeros(states - MODEL_STATE_SIZE), initial_disturbance**2])
     if not has_rates:
         variance[is_rate] = _INITIAL_RATE**2

@@ -1,0 +1,86 @@
+"""The front of linear control: the smallest error of LQG designs for each delay margin, in the linear model.
+
+    python -m experiments.lqg_front --out results/lqg_front.csv      # ten minutes; needs the extras mpc and control
+
+The designs are those of the controller `lqg`. A search varies its effort and the noise levels of its Kalman filter, and
+minimises the stationary error as a multiple of the linear reference, in hover in a fluctuating force, with the delays
+and the noise of a motion capture. The margin is that beyond the known latency.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import differential_evolution
+
+from quadpend_baselines.controllers.lqg import Lqg
+from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains
+from quadpend_baselines.modelling.linear_loop import linear_policy, margins, vehicle_model
+from quadpend_baselines.modelling.linear_reference import linear_reference, stationary_error
+from quadpend_gym.scenarios import Scenario
+from quadpend_gym.sensors import Noise
+from quadpend_gym.wind import OrnsteinUhlenbeck
+
+HOVER = Scenario(
+    task="hover",
+    vehicle="hummingbird",
+    interface="body_rates",
+    latency=0.02,
+    wind=OrnsteinUhlenbeck(force=0.12),
+    sensors=Noise(position=0.0005, euler=0.001, direction=0.0006),
+    output_feedback=True,
+)
+MARGINS = (0.005, 0.01, 0.015, 0.02, 0.025)  # s
+RANGES = {"effort": (1e-3, 1.0), "estimator.force_walk": (0.05, 1.0), "estimator.torque_noise": (1e-4, 0.1)}
+
+
+class Front:
+    """The evaluated designs, and the best one for each margin."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario, self.vehicle, self.reference = scenario, vehicle_model(scenario), linear_reference(scenario)
+        self.rows: list[dict[str, float]] = []
+
+    def evaluate(self, values: dict[str, float]) -> dict[str, float]:
+        """Return error (m and multiple) and margin (s) of the gains in which `values` are replaced."""
+        gains = replace_gains(gains_for("lqg", self.scenario.simulation), values)
+        policy = linear_policy(OutputFeedback(Lqg, gains).adapt(self.scenario), self.scenario)
+        error, margin = stationary_error(self.scenario, policy), margins(self.vehicle, policy)
+        row = {"delay_margin": margin.delay, "error": error, "multiple": error / self.reference}
+        self.rows.append({**row, "sensitivity": margin.sensitivity, **values})
+        return self.rows[-1]
+
+    def search(self, margin: float, trials: int) -> None:
+        """Evaluate about `trials` designs, most of them with about this margin, s."""
+
+        def cost(logarithms: Any) -> float:
+            row = self.evaluate(dict(zip(RANGES, np.exp(logarithms).tolist(), strict=True)))
+            return row["multiple"] * (1.0 + 10.0 * max(0.0, 1.0 - row["delay_margin"] / margin))
+
+        bounds, rounds = np.log(list(RANGES.values())), trials // (5 * len(RANGES)) - 1
+        differential_evolution(cost, bounds, popsize=5, maxiter=rounds, polish=False, tol=0.0, seed=0)
+
+    def best(self) -> pd.DataFrame:
+        """Return the design with the smallest error for each margin."""
+        table = pd.DataFrame(self.rows)
+        found = [table[table.delay_margin >= margin].nsmallest(1, "error") for margin in MARGINS]
+        return pd.concat(found).assign(required_margin=MARGINS, reference=self.reference)
+
+
+def main() -> None:
+    """Search, and write the front."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("results/lqg_front.csv"))
+    parser.add_argument("--trials", type=int, default=200, help="designs for each margin")
+    given, front = parser.parse_args(), Front(HOVER)
+    for margin in MARGINS:
+        front.search(margin, given.trials)
+    given.out.parent.mkdir(parents=True, exist_ok=True)
+    front.best().to_csv(given.out, index=False)
+
+
+if __name__ == "__main__":
+    main()

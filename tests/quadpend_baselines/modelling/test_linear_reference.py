@@ -1,0 +1,77 @@
+"""The linear reference: LQG reaches it, other controllers do not, and it says to what it does not apply."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadpend_baselines import controller
+from quadpend_gym.scenarios import Scenario, find_scenario
+from quadpend_gym.sensors import Delay, Noise
+from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
+
+pytest.importorskip("control", reason="control is not installed: pip install 'quadpend-gym[control]'")
+pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
+
+from quadpend_baselines.modelling.linear_loop import linear_policy
+from quadpend_baselines.modelling.linear_reference import (
+    linear_problem,
+    linear_reference,
+    optimal_policy,
+    stationary_error,
+)
+
+HOVER = Scenario(
+    task="hover",
+    vehicle="hummingbird",
+    interface="body_rates",
+    latency=0.02,
+    wind=OrnsteinUhlenbeck(force=0.12),
+    sensors=Noise(position=0.0005, euler=0.001, direction=0.0006),
+    output_feedback=True,
+)
+
+
+@pytest.mark.parametrize(
+    "scenario", [HOVER, replace(HOVER, wind=Dryden(3.0)), replace(HOVER, sensors=[*HOVER.sensors, Delay(1)])]
+)
+def test_lqg_reaches_the_reference_in_the_linear_model(scenario: Scenario) -> None:
+    assert stationary_error(scenario, optimal_policy(scenario)) == pytest.approx(linear_reference(scenario), rel=0.01)
+
+
+def test_a_simulated_time_series_has_the_error_of_the_reference() -> None:
+    _, A, B, N, C, error, V = linear_problem(HOVER)
+    policy, rng = optimal_policy(HOVER, 0.01), np.random.default_rng(0)
+    x, z, squares = np.zeros(len(A)), np.zeros(policy.nstates), []
+    for _ in range(60_000):
+        y = C @ x + np.sqrt(np.diag(V)) * rng.normal(size=len(C))
+        x, z = A @ x + B @ (policy.C @ z + policy.D @ y) + N @ rng.normal(size=N.shape[1]), policy.A @ z + policy.B @ y
+        squares.append(np.sum((error @ x) ** 2))
+    assert np.sqrt(np.mean(squares)) == pytest.approx(linear_reference(HOVER, 0.01), rel=0.05)
+
+
+def test_less_effort_noise_or_delay_changes_the_reference_as_it_must() -> None:
+    reference = linear_reference(HOVER)
+    assert linear_reference(HOVER, 0.1) > 1.5 * reference
+    assert linear_reference(replace(HOVER, latency=0.0)) < reference
+    assert linear_reference(replace(HOVER, sensors=())) < reference
+    doubled = replace(
+        HOVER, wind=OrnsteinUhlenbeck(force=0.24), sensors=Noise(position=0.001, euler=0.002, direction=0.0012)
+    )
+    assert linear_reference(doubled) == pytest.approx(2.0 * reference, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["lqr", "flatness", "lqg"])
+def test_no_controller_is_better_than_the_reference(name: str) -> None:
+    policy = linear_policy(controller(name).adapt(HOVER), HOVER)
+    assert stationary_error(HOVER, policy) > linear_reference(HOVER)
+
+
+@pytest.mark.parametrize(
+    "name", ["calm", "steady", "gusts", "sinusoid_slow", "uncertain", "fast", "training_noisy", "as_flown"]
+)
+def test_it_refuses_scenarios_to_which_it_does_not_apply(name: str) -> None:
+    """`training_noisy` has motion, and as_flown lost packets and biases."""
+    scenario = find_scenario(name if name == "as_flown" else f"hummingbird_{name}")
+    with pytest.raises(ValueError, match="the linear reference applies to hover"):
+        linear_reference(scenario)
