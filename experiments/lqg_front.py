@@ -22,11 +22,13 @@ from quadpend_baselines.modelling.linear_loop import linear_policy, margins, veh
 from quadpend_baselines.modelling.linear_reference import linear_reference, stationary_error
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Noise
+from quadpend_gym.tasks.task import TASKS
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
 
 HOVER = Scenario(
-    task="hover",
-    vehicle="hummingbird",
+    task=TASKS["hover"],
+    vehicle=VEHICLES["hummingbird"],
     interface="body_rates",
     latency=0.02,
     wind=OrnsteinUhlenbeck(force=0.12),
@@ -60,7 +62,7 @@ class Front:
             row = self.evaluate(dict(zip(RANGES, np.exp(logarithms).tolist(), strict=True)))
             return row["multiple"] * (1.0 + 10.0 * max(0.0, 1.0 - row["delay_margin"] / margin))
 
-        bounds, rounds = np.log(list(RANGES.values())), trials // (5 * len(RANGES)) - 1
+        bounds, rounds = np.log(list(RANGES.values())).tolist(), trials // (5 * len(RANGES)) - 1
         differential_evolution(cost, bounds, popsize=5, maxiter=rounds, polish=False, tol=0.0, seed=0)
 
     def best(self) -> pd.DataFrame:

@@ -42,7 +42,7 @@ from quadpend_baselines.modelling.linear_model import (
     linearise_actions,
     model_state,
 )
-from quadpend_baselines.modelling.quantities import calm, turn, turn3
+from quadpend_baselines.modelling.quantities import calm, turn3
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
@@ -101,7 +101,7 @@ def _deviations(estimate: Floats, packed: Any, packed_rigid: Floats | None, outs
                 x[row, MODEL_STATE_SIZE + i] = thrust - thrusts[i]
         sine, cosine = sincos(state.euler.z)
         wind = x.shape[1] - MODEL_DISTURBANCE_SIZE
-        force, bob_force = turn3(forces.force, -sine, cosine), turn(forces.bob_force, -sine, cosine)
+        force, bob_force = turn3(forces.force, -sine, cosine), turn3(forces.bob_force, -sine, cosine)
         torque = forces.torque if rigid is None else turn3(forces.torque, -sine, cosine)
         for i in range(3):
             x[row, wind + MODEL_FORCE.start + i], x[row, wind + MODEL_TORQUE.start + i] = force[i], torque[i]

@@ -195,7 +195,8 @@ def _design(problem: LinearProblem, effort: float) -> _Design:
     innovation = C @ P @ C.T + V
     R = effort**2 * np.eye(B.shape[1])
     S = _riccati(A, B, error.T @ error + least, R)
-    return _Design(P, innovation, np.linalg.solve(innovation, C @ P).T, np.linalg.solve(R + B.T @ S @ B, B.T @ S @ A))
+    K, F = np.linalg.solve(innovation, C @ P).T, np.linalg.solve(R + B.T @ S @ B, B.T @ S @ A)
+    return _Design(P, innovation, K.astype(np.float64), F.astype(np.float64))
 
 
 def linear_reference(scenario: Scenario, effort: float = CHEAP) -> float:

@@ -8,6 +8,8 @@ import pytest
 from quadpend_baselines import controller
 from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_gym.sensors import Delay, Noise
+from quadpend_gym.tasks.task import TASKS
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
 
 pytest.importorskip("control", reason="control is not installed: pip install 'quadpend-gym[control]'")
@@ -22,8 +24,8 @@ from quadpend_baselines.modelling.linear_reference import (
 )
 
 HOVER = Scenario(
-    task="hover",
-    vehicle="hummingbird",
+    task=TASKS["hover"],
+    vehicle=VEHICLES["hummingbird"],
     interface="body_rates",
     latency=0.02,
     wind=OrnsteinUhlenbeck(force=0.12),
