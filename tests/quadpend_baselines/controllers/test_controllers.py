@@ -56,7 +56,7 @@ def run(policy: Any, env: Any, seed: int = 5, steps: int = 100, **options: Any) 
 
 # Not flown: adrc, nmpc and swing-up carry no load; swing-up is for the paper's vehicle, nmpc is slow, and adrc-paper
 # has no margin for the lag of rotors.
-NOT_FLOWN = {"load": ("adrc", "nmpc", "swing-up"), **dict.fromkeys(RIGID, ("adrc-paper", "nmpc", "swing-up"))}
+NOT_FLOWN = {"load": ("adrc", "lqg", "nmpc", "swing-up"), **dict.fromkeys(RIGID, ("adrc-paper", "nmpc", "swing-up"))}
 
 
 @every_controller

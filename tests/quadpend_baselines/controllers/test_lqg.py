@@ -39,7 +39,7 @@ def test_its_delay_margin_is_bounded_and_its_error_near_the_reference() -> None:
 
     policy = linear_policy(controller("lqg").adapt(HOVER), HOVER)
     assert margins(vehicle_model(HOVER), policy).delay > 0.015
-    assert stationary_error(HOVER, policy) < 3.0 * linear_reference(HOVER)
+    assert stationary_error(HOVER, policy) < 3.5 * linear_reference(HOVER)
 
 
 def test_near_the_reference_it_is_the_optimal_linear_feedback_and_far_from_it_flatness() -> None:
