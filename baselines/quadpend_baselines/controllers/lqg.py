@@ -139,6 +139,6 @@ class Lqg:
         far, command, desired = np.empty((rows, 4)), np.empty((rows, 4)), np.empty((rows, RIGID_SIZE))
         x, share = np.empty((rows, feedback.shape[1])), np.empty((rows, 1))
         _deviations(estimate.array, packed, packed_rigid, (far, command, desired, x, share))
-        by_flatness, _ = plant.actions_for(far, estimate.rigid)
-        following, _ = plant.actions_for(command, desired)
+        by_flatness = plant.actions_for(far, estimate.rigid)
+        following = plant.actions_for(command, desired)
         return by_flatness + share * (following - x @ feedback.T - by_flatness), memory
