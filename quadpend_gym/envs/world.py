@@ -121,6 +121,11 @@ class World:
         """View of the references, shape (n, 20), see `Reference.as_array`; zero where `trajectory` is another one."""
         return self._memory[:, MEMORY_REFERENCE]
 
+    @property
+    def plant_memory(self) -> Floats:
+        """View of what the vehicles have besides the state, shape (n, k), see `physics.plants`."""
+        return self._memory[:, MEMORY_SIZE:]
+
     def trajectory(self, row: int) -> Trajectory:
         """Return the reference of a sub-environment."""
         return self._trajectories.find(row) or Reference.from_array(self.reference[row])
