@@ -14,14 +14,17 @@ from pydantic import TypeAdapter
 import quadpend_train.training.settings  # noqa: F401, so that all settings are imported
 from quadpend_gym import Constant, SinusoidTerm, Waypoints
 from quadpend_gym.core.settings import Interval, Range, declared, parse, settings
-from quadpend_gym.randomization import Around, ParameterRanges
+from quadpend_gym.randomization import Around, LoopRanges, ParameterRanges
+from quadpend_gym.sensors import Noise
 from quadpend_gym.tasks.trajectories import Sinusoids
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import Drawn, Gusts, Rescaled, WindFromFactory
+from quadpend_gym.wind.steady import Rising
 
 HUMMINGBIRD = VEHICLES["hummingbird"]
 EXAMPLES = (  # of classes with fields that have no default
-    *(Drawn(Constant()), Rescaled(Constant()), Around(0.1), ParameterRanges(bob_mass=(0.1, 0.2))),
+    *(Drawn(Constant()), Rescaled(Constant()), Rising(Constant(), 1.0), Noise(position=0.1)),
+    *(Around(0.1), ParameterRanges(bob_mass=(0.1, 0.2)), LoopRanges(jitter=0.1)),
     *(Waypoints((0.0, 1.0), ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0))), Sinusoids(terms=(SinusoidTerm(),))),
     *(HUMMINGBIRD, HUMMINGBIRD.rotors, HUMMINGBIRD.pole, HUMMINGBIRD.drag, HUMMINGBIRD.rate_loop),
 )
