@@ -50,7 +50,7 @@ _MM = 1000.0
 def can_be_planned(scenario: Scenario) -> bool:
     """Return whether IPOPT plans the scenario: the paper's vehicle, upright, with delays and lags of the action.
 
-    `Plant` has rigid vehicles too, but IPOPT was far from converging in the two short flights that were tried.
+    Saturating rotors keep IPOPT from converging for rigid vehicles; `planning.ilqr` improves their flights.
     """
     task = scenario.task
     upright = task.pendulum == "upright" and task.reward.pendulum_first == 0.0
