@@ -137,6 +137,7 @@ DELAYED = {name: CLASSICAL[name] for name in ("storm, lagged", "hummingbird, as 
 FLIGHTS: dict[str, dict[str, Parts]] = {
     **dict.fromkeys(("adrc-paper", "adrc-matched", "adrc-tuned", "adrc-linear", "nmpc"), CLASSICAL),
     **dict.fromkeys(("flatness", "lqr", "lqi", "dual-mode", "mppi"), CLASSICAL | LOAD),
+    "lqg": CLASSICAL,
     **dict.fromkeys(("flatness-unpredicted", "lqr-unpredicted"), DELAYED),
     "swing-up": {**SWING_UP, **RIGID},
     **dict.fromkeys(("apg", "ppo-alone", "sac-alone", "sac-agile"), PAPER),
