@@ -23,6 +23,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines.planning.episode import record_flight
+from quadpend_baselines.planning.transcription import ACTION_WEIGHTS
 from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym import engines
 from quadpend_gym.core.arrays import Floats
@@ -33,7 +34,6 @@ from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 
-_ACTION_WEIGHTS = np.array([1e-6, 1e-6, 1e-6, 1e-5])  # ρ, m²
 _SHARES = 2.0 ** -np.arange(10)  # α of the rows
 _FIRST_DAMPING, _LARGEST_DAMPING = 1e-2, 1e3  # μ, m²
 _SMALL = 1e-6  # relative improvement that ends the search
@@ -88,7 +88,7 @@ class Episode:
             flown.append(a.astype(np.float64))
             errors.append(outcome[TRACKING_ERROR].T.copy())
         used, error = np.array(flown), np.array(errors)
-        squares = np.einsum("k,kmi->m", self.weights, error**2) + np.einsum("i,kmi->m", _ACTION_WEIGHTS, used**2)
+        squares = np.einsum("k,kmi->m", self.weights, error**2) + np.einsum("i,kmi->m", ACTION_WEIGHTS, used**2)
         return Flights(np.array(x), used, error, np.where(fell, np.inf, squares / self.steps))
 
     def linearise(self, flight: Flights) -> tuple[Floats, Floats]:
@@ -102,18 +102,18 @@ class Episode:
     def backward(self, flight: Flights, damping: float) -> tuple[Floats, Floats]:
         """Return d and K of equation (2)."""
         (A, B), size = self.linearise(flight), flight.states.shape[1]
-        C = np.eye(3, size)
-        C[:2, DIRECTION : DIRECTION + 2] = self.world.parameters[0, ROD_LENGTH] * np.eye(2)
+        C, R = np.zeros((3, size)), np.diag(ACTION_WEIGHTS)
         C[:, POSITION : POSITION + 3] = np.eye(3)
+        C[:2, DIRECTION : DIRECTION + 2] = self.world.parameters[0, ROD_LENGTH] * np.eye(2)
         d, K = np.zeros((self.steps, ACTION_SIZE)), np.zeros((self.steps, ACTION_SIZE, size))
         P, p = np.zeros((size, size)), np.zeros(size)  # of the remaining cost, ½ δxᵀ P δx + pᵀ δx, times N/2
         for k in reversed(range(self.steps)):
             S, s = P + self.weights[k] * C.T @ C, p + self.weights[k] * C.T @ flight.errors[k]
-            Q_ux, q_u = B[k].T @ S @ A[k], B[k].T @ s + _ACTION_WEIGHTS * flight.actions[k]
-            Q_uu = B[k].T @ S @ B[k] + np.diag(_ACTION_WEIGHTS)
-            bounds = -1.0 - flight.actions[k], 1.0 - flight.actions[k]
-            d[k], free = _bounded_minimum(Q_uu + damping * np.eye(ACTION_SIZE), q_u, *bounds)
-            K[k, free] = -np.linalg.solve((Q_uu + damping * np.eye(ACTION_SIZE))[np.ix_(free, free)], Q_ux[free])
+            Q_ux, q_u = B[k].T @ S @ A[k], B[k].T @ s + R @ flight.actions[k]
+            Q_uu = B[k].T @ S @ B[k] + R
+            damped = Q_uu + damping * np.eye(ACTION_SIZE)
+            d[k], free = _bounded_minimum(damped, q_u, -1.0 - flight.actions[k], 1.0 - flight.actions[k])
+            K[k, free] = -np.linalg.solve(damped[np.ix_(free, free)], Q_ux[free])
             P = A[k].T @ S @ A[k] + K[k].T @ Q_uu @ K[k] + K[k].T @ Q_ux + Q_ux.T @ K[k]
             P, p = 0.5 * (P + P.T), A[k].T @ s + K[k].T @ (Q_uu @ d[k] + q_u) + Q_ux.T @ d[k]
         return d, K
