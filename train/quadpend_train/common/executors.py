@@ -126,7 +126,8 @@ class _Processes(Executor):
     def _pool(self) -> Any:
         from loky import get_reusable_executor
 
-        warnings.filterwarnings("ignore", "A worker was restarted")  # loky restarts those that keep much memory
+        # loky replaces processes that keep much memory, and those that were idle for 10 s as a call came.
+        warnings.filterwarnings("ignore", "A worker (was restarted|stopped)")
         return get_reusable_executor(self.ahead, initializer=_ignore_interrupts)
 
 
