@@ -1,6 +1,7 @@
 """The margins of the linear loops of policies, where python-control and CasADi are installed."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib.util import find_spec
 from typing import Any
 
@@ -29,7 +30,9 @@ def loop_margins(learners: Mapping[str, list[Policy]], scenarios: Mapping[str, S
         for name, (policy, *_) in learners.items():
             if (key, name) in loops:
                 continue
-            model = linear_policy(policy.adapt(scenario), scenario)
+            adapted, model = policy.adapt(scenario), None
+            with suppress(Exception):  # own code may raise exceptions of any type; the episodes report it
+                model = linear_policy(adapted, scenario)
             loops[key, name] = found = model and margins(vehicles[key], model)
             if found and found.spectral_radius >= 1.0:
                 factor = found.spectral_radius ** (1.0 / scenario.period)
