@@ -117,7 +117,8 @@ class _Processes(Executor):
         self.ahead = jobs
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        future: Future[Any] = self._pool().submit(_described, partial(fn, *args, **kwargs))
+        call = partial(fn, *args, **kwargs)
+        future: Future[Any] = self._pool().submit(_call_in_folder, call, os.getcwd(), sys.argv)
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -137,6 +138,13 @@ def _described(call: Call) -> Any:
         return call()
     except Exception as error:  # own code may raise exceptions of any type
         raise RuntimeError(describe_error(error)) from error
+
+
+def _call_in_folder(call: Call, folder: str, command: list[str]) -> Any:
+    """Make a call in a worker, which may be older than the working directory and the command line of the sender."""
+    os.chdir(folder)
+    sys.argv = command
+    return _described(call)
 
 
 def _ignore_interrupts() -> None:
@@ -167,10 +175,3 @@ class _Ray(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         future: Future[Any] = self._task.remote(partial(fn, *args, **kwargs), os.getcwd(), sys.argv).future()
         return future
-
-
-def _call_in_folder(call: Call, folder: str, command: list[str]) -> Any:
-    """Make a call in a worker of Ray, in the working directory and with the command line of the sender."""
-    os.chdir(folder)
-    sys.argv = command
-    return _described(call)
