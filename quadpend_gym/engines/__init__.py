@@ -19,6 +19,7 @@ from quadpend_gym.engines.functions import (
 )
 from quadpend_gym.engines.generated_c import CompiledFunction
 from quadpend_gym.engines.lifting import columns, lift, vector
+from quadpend_gym.engines.scalar_c import scalar_c
 
 __all__ = [
     "CompiledFunction",
@@ -28,6 +29,7 @@ __all__ = [
     "observation_function",
     "reference_function",
     "reward_function",
+    "scalar_c",
     "step_function",
     "vector",
 ]

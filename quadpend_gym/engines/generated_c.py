@@ -1,27 +1,15 @@
-"""Functions of CasADi as C for batches of rows, compiled by the system's C compiler at the first use.
-
-The library stands in the user's cache folder under the hash of its source, so that every process after the first loads
-it within milliseconds. ``XDG_CACHE_HOME`` changes the folder, ``CC`` the compiler.
-"""
+"""Functions of CasADi as C for batches of rows, compiled by the system's C compiler at the first use."""
 
 import ctypes
-import os
-import subprocess
-import tempfile
 from functools import cached_property
-from hashlib import sha256
-from pathlib import Path
-from shutil import which
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.c_library import compile_c
 
-# No contraction of products and sums, so that the numbers are CasADi's to the last bit. No other library replaces the
-# functions of this one, so the compiler may inline them, which saves a tenth of the time; nobody reads errno.
-_FLAGS = ("-O2", "-ffp-contract=off", "-fno-semantic-interposition", "-fno-math-errno", "-fPIC", "-shared")
 _NAME = "quadpend_generated"
 _ROWS = """
 void rows(long long count, const double** in, const long long* in_step, double** out, const long long* out_step) {{
@@ -67,7 +55,7 @@ class CompiledFunction:
 
     @cached_property
     def _rows(self) -> Any:
-        return ctypes.CDLL(str(_compile(self.source))).rows
+        return ctypes.CDLL(str(compile_c(self.source))).rows
 
     def __call__(self, *arguments: Floats) -> tuple[Floats, ...]:
         """Return the results of n rows, each of shape (n, size).
@@ -99,25 +87,3 @@ def _dense(function: Any) -> Any:
     results = [ca.densify(result) for result in function.call(arguments)]
     # A name of its own: the loader would prefer functions of the same name in other libraries, such as step in libc.
     return ca.Function(_NAME, arguments, results, function.name_in(), function.name_out())
-
-
-def _compile(source: str) -> Path:
-    """Return the library of a C source, from the cache or new.
-
-    Raises:
-        RuntimeError: There is no C compiler.
-    """
-    compiler = os.environ.get("CC", "cc")
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "quadpend_gym"
-    library = folder / f"{sha256(' '.join((compiler, *_FLAGS, source)).encode()).hexdigest()[:24]}.so"
-    if library.exists():
-        return library
-    if which(compiler) is None:
-        raise RuntimeError(f"generated C needs a C compiler, and there is no {compiler!r}: install gcc, or set CC")
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as name:
-        file, new = Path(name, "generated.c"), Path(name, "generated.so")
-        file.write_text(source, encoding="utf-8")
-        subprocess.run([compiler, *_FLAGS, "-o", str(new), str(file), "-lm"], check=True)
-        os.replace(new, library)
-    return library

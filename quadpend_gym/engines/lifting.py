@@ -16,8 +16,7 @@ What a function must not do is to choose by the value of an expression: ``if``, 
 shape (field, lane), are arrays of expressions with one lane, see `columns`.
 """
 
-from collections.abc import Iterable
-from functools import cache
+from collections.abc import Iterable, Mapping
 from inspect import unwrap
 from types import FunctionType, SimpleNamespace
 from typing import Any
@@ -50,24 +49,41 @@ _FUNCTIONS: dict[Any, Any] = {
 _NUMPY = SimpleNamespace(
     pi=np.pi, sqrt=_sqrt, exp=ca.exp, floor=ca.floor, rint=lambda x: ca.floor(x + 0.5), float32=_same, float64=_same
 )
-_BUILTINS = {"max": ca.fmax, "min": ca.fmin, "abs": ca.fabs, "float": _same, "bool": _same}
+_NUMPY.empty, _NUMPY.empty_like = (lambda shape, *_: np.empty(shape, object)), (lambda a: np.empty(a.shape, object))
+_NUMPY.ascontiguousarray = _same
 
 
-@cache
-def lift(function: Any) -> Any:
-    """Return a copy of a function, compiled by numba or not, that computes CasADi's expressions."""
-    if function in _FUNCTIONS:
-        return _FUNCTIONS[function]
-    source: Any = unwrap(getattr(function, "py_func", function))
-    used = {name: source.__globals__[name] for name in source.__code__.co_names if name in source.__globals__}
-    names = {name: _lifted(value) for name, value in used.items()}
-    return FunctionType(source.__code__, {**_BUILTINS, **names}, source.__name__, source.__defaults__)
+def _least(a: Any, b: Any) -> Any:
+    return min(a, b) if isinstance(a, int) and isinstance(b, int) else ca.fmin(a, b)
 
 
-def _lifted(value: Any) -> Any:
+_BUILTINS = {"max": ca.fmax, "min": _least, "abs": ca.fabs, "float": _same, "bool": _same}
+
+
+def lift(function: Any, replaced: Mapping[Any, Any] | None = None) -> Any:
+    """Return a copy of a function, compiled by numba or not, that computes CasADi's expressions.
+
+    Args:
+        function: The function.
+        replaced: Functions by the ones, among those that it calls, in whose place they are called.
+    """
+    return _lift(function, _FUNCTIONS if replaced is None else {**_FUNCTIONS, **replaced})
+
+
+def _lift(function: Any, known: dict[Any, Any]) -> Any:
+    if function not in known:
+        source: Any = unwrap(getattr(function, "py_func", function))
+        used = {name: source.__globals__[name] for name in source.__code__.co_names if name in source.__globals__}
+        names = {name: _lifted(value, known) for name, value in used.items()}
+        known[function] = FunctionType(source.__code__, {**_BUILTINS, **names}, source.__name__, source.__defaults__)
+    return known[function]
+
+
+def _lifted(value: Any, known: dict[Any, Any]) -> Any:
     if value is np:
         return _NUMPY
-    return lift(value) if hasattr(value, "py_func") or isinstance(value, FunctionType) else value
+    is_function = hasattr(value, "py_func") or isinstance(value, FunctionType)
+    return _lift(value, known) if is_function or (callable(value) and value in known) else value
 
 
 def columns(values: Any, size: int | None = None) -> Any:

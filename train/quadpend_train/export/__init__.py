@@ -1,0 +1,1 @@
+"""Policies for other programs: as C for microcontrollers, and as ONNX."""

@@ -1,0 +1,51 @@
+/* Golden vectors of @name@.c: inputs of @steps@ control steps and what the Python policy commanded. See docs/deploy.md.
+ *
+ *     cc -std=c99 -O2 @name@.c @name@_check.c -lm -o check && ./check */
+#include "@name@.h"
+
+#include <stdio.h>
+
+#ifndef TOLERANCE
+#ifdef QUADPEND_DOUBLE
+#define TOLERANCE 1e-10
+#else
+#define TOLERANCE 1e-4
+#endif
+#endif
+
+typedef @name@_real real;
+#define R(x) ((real)(x))
+
+/* Position, quaternion, direction; seven derivatives of the reference, yaw reference; command. */
+static const real vectors[@steps@][38] = {
+@vectors@
+};
+static const real range[4] = {@ranges@}; /* of the command */
+
+static const real *copy(int count, const real *from, real *to) {
+  for (int i = 0; i < count; ++i) to[i] = from[i];
+  return from + count;
+}
+
+int main(void) {
+  @name@_policy policy;
+  @name@_measurement measurement;
+  @name@_reference reference;
+  @name@_command command;
+  real worst = 0;
+  @name@_reset(&policy);
+  for (int k = 0; k < @steps@; ++k) {
+    const real *expected = copy(3, vectors[k], measurement.position);
+    expected = copy(4, expected, measurement.quaternion);
+    expected = copy(3, expected, measurement.direction);
+    expected = copy(21, expected, reference.derivatives[0]);
+    expected = copy(3, expected, reference.yaw);
+    @name@_step(&policy, &measurement, &reference, &command);
+    for (int i = 0; i < 4; ++i) {
+      real found = i == 0 ? command.thrust : command.@turning@[i - 1], error = (found - expected[i]) / range[i];
+      if (!(error <= worst && -error <= worst)) worst = error < 0 ? -error : error;
+    }
+  }
+  printf("%s: largest error %.2g of the range of the command\n", worst <= TOLERANCE ? "passed" : "failed", (double)worst);
+  return !(worst <= TOLERANCE);
+}

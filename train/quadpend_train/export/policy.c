@@ -1,0 +1,147 @@
+/* See @name@.h. The functions with numbered variables are read from the equations of the package quadpend_gym. */
+#include "@name@.h"
+
+typedef @name@_real real;
+#define R(x) ((real)(x))
+
+@elementary@
+static inline real q_min(real a, real b) { return a < b ? a : b; }
+static inline real q_max(real a, real b) { return a > b ? a : b; }
+
+#define KALMAN @kalman@
+#define ADRC @adrc@
+#define NETWORK @network@
+#define REPEAT @repeat@ /* control steps for which an output of the network is used */
+#define MEMORY @memory@
+#define EXTRA @extra@
+#define ESTIMATE @estimate@ /* numbers of an estimate of the vehicle */
+#define REFERENCE 27     /* its first field of the reference */
+#define PARTS @parts@ /* periods and parts of one that are predicted through */
+
+static const real SCALE[4] = {@scale@};
+@tables@
+@functions@
+static void copy(int count, const real *from, real *to) {
+  for (int i = 0; i < count; ++i) to[i] = from[i];
+}
+
+/* Return whether all numbers are finite and smaller than a limit. */
+static int is_bounded(int count, const real *x, real limit) {
+  for (int i = 0; i < count; ++i) {
+    if (!(x[i] < limit && x[i] > -limit)) return 0;
+  }
+  return 1;
+}
+
+#if PARTS > 0
+static void predict(real *estimate, const real *action, int first, int end) {
+  static void (*const advance[PARTS])(const real *, const real *, real *) = {@advances@};
+  real next[ESTIMATE];
+  for (int k = first; k < end; ++k) {
+    advance[k](estimate, action, next);
+    copy(ESTIMATE, next, estimate);
+  }
+}
+#endif
+
+#if NETWORK
+static void dense(int inputs, int outputs, const real *weights, const real *biases, const real *x, real *y) {
+  for (int i = 0; i < outputs; ++i) {
+    real sum = biases[i];
+    for (int j = 0; j < inputs; ++j) sum += weights[i * inputs + j] * x[j];
+    y[i] = sum;
+  }
+}
+
+static void network(const real *inputs, real *output) {
+@layers@
+}
+#endif
+
+void @name@_reset(@name@_policy *policy) { policy->running = 0; }
+
+/* Estimate the state, and choose the action. */
+static void act(@name@_policy *policy, int is_sample) {
+  const @name@_measurement *sample = &policy->sample;
+  real measured[9], reference[18], next[MEMORY], extra[EXTRA];
+  real *memory = policy->memory, *action = policy->action;
+  measure(sample->position, sample->quaternion, sample->direction, policy->target.derivatives[0], policy->target.yaw,
+          measured, reference);
+  if (!policy->running) {
+    begin(measured, reference, memory);
+    for (int i = 0; i < 4; ++i) action[i] = 0;
+    for (int i = 0; i < EXTRA; ++i) policy->extra[i] = 0;
+    policy->running = 1;
+    policy->age = policy->steps = 0;
+  } else {
+#if KALMAN
+    predict(memory, action, 0, 1);
+    if (is_sample) {
+      correct(memory, measured, reference, gains[gain_rows[policy->age]], next);
+      copy(MEMORY, next, memory);
+    } else {
+      copy(18, reference, memory + REFERENCE);
+    }
+    if (policy->age < (int)sizeof gain_rows - 1) ++policy->age;
+#else
+    (void)is_sample;
+    correct(memory, measured, reference, next);
+    copy(MEMORY, next, memory);
+#endif
+  }
+#if ESTIMATE
+  real later[ESTIMATE];
+#if ADRC
+  prepare(memory, next, later);
+  copy(MEMORY, next, memory);
+#else
+  copy(ESTIMATE, memory, later);
+#endif
+  predict(later, action, 1, PARTS);
+#else
+  const real *later = memory;
+#endif
+#if NETWORK
+  real seen[INPUTS];
+  inputs(memory, later, policy->extra, seen, extra);
+  copy(EXTRA, extra, policy->extra);
+  if (policy->steps == 0) network(seen, policy->output);
+  policy->steps = (policy->steps + 1) % REPEAT;
+#endif
+  law(memory, later, policy->extra, policy->output, action, extra);
+  copy(EXTRA, extra, policy->extra);
+  /* Actions have single precision in the environment. */
+  for (int i = 0; i < 4; ++i) action[i] = (real)(float)q_min(q_max(action[i], R(-1)), R(1));
+#if ADRC
+#if ESTIMATE
+  real plant[ESTIMATE];
+  begin_following(memory, plant);
+  predict(plant, action, 0, 1);
+  apply(memory, action, plant, next);
+#else
+  apply(memory, action, next);
+#endif
+  copy(MEMORY, next, memory);
+#endif
+}
+
+void @name@_step(@name@_policy *policy, const @name@_measurement *measurement, const @name@_reference *reference,
+                 @name@_command *command) {
+  const real largest = R(1e6); /* of a measurement or a reference */
+  int is_sample = measurement && is_bounded(3, measurement->position, largest) &&
+                  is_bounded(4, measurement->quaternion, 2) && is_bounded(3, measurement->direction, 2);
+  int is_target = is_bounded(21, reference->derivatives[0], largest) && is_bounded(3, reference->yaw, largest);
+  if (is_sample) policy->sample = *measurement;
+  if (is_target) policy->target = *reference;
+  if (policy->running || (is_sample && is_target)) {
+    act(policy, is_sample);
+    if (!(is_bounded(MEMORY, policy->memory, R(1e15)) && is_bounded(EXTRA, policy->extra, R(1e15)) &&
+          is_bounded(@checked@, policy->memory, R(@limit@)) && is_bounded(4, policy->action, 2))) {
+      policy->running = 0; /* begin again with the next sample */
+    }
+  }
+  real action[4] = {0, 0, 0, 0};
+  if (policy->running) copy(4, policy->action, action);
+  command->thrust = SCALE[0] * (1 + action[0]);
+  for (int i = 0; i < 3; ++i) command->@turning@[i] = SCALE[1 + i] * action[1 + i];
+}

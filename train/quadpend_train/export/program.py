@@ -1,0 +1,405 @@
+"""The control step of a policy as functions of CasADi, from the equations that numba compiles.
+
+``policy.c`` calls them in this order. Their arguments have these names:
+
+| argument  | size | content                                                                                     |
+|-----------|------|---------------------------------------------------------------------------------------------|
+| measured  | 9    | position relative to the reference (m), φ, θ, ψ (rad), r                                     |
+| reference | 18   | `Derivatives`                                                                               |
+| memory    | m    | an estimate (`estimation.estimator`), the memory of `controllers.adrc`, or an observation   |
+| later     | e    | the estimate at the time when the action acts                                               |
+| extra     | k    | memory of the control law, then of the hybrid                                               |
+| seen      | n    | inputs of the network                                                                       |
+"""
+
+from collections.abc import Callable
+from functools import partial
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from quadpend_baselines.controllers import adrc
+from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.controllers.lqg import Lqg
+from quadpend_baselines.controllers.lqr import Lqr
+from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.estimation import estimator
+from quadpend_baselines.estimation.chains import OBSERVERS_SIZE
+from quadpend_baselines.estimation.estimator import AGE, INNOVATION, LOOP, MASS_RATIO, RIGID_PART, STATE, Estimate
+from quadpend_baselines.estimation.loop import compensate
+from quadpend_baselines.hybrid.hybrids import _DECAY, _MAGNIFICATION, _TILT, _TORQUE
+from quadpend_baselines.hybrid.hybrids import BandwidthScheduling, EstimateOnly, Hybrid, ResidualAction
+from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares
+from quadpend_baselines.modelling.quantities import load_reference, load_state
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.engines import columns, lift, vector
+from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
+from quadpend_gym.physics.plants import plant_of
+from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
+from quadpend_gym.physics.rigid_settings import unpack_rigid
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE, THRUST, TORQUE
+from quadpend_gym.physics.vectors import Four, Vec3
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_FIELDS,
+    OBSERVATION_SCALE,
+    OBSERVATION_SIZE,
+    OUTPUT_FEEDBACK_COLUMNS,
+    REFERENCE_START,
+)
+from quadpend_gym.vehicles import CONTROL_PERIOD
+from quadpend_train.policies.mlp_policy import MlpPolicy
+
+MEASURED = estimator._MEASURED_COLUMNS
+_HIGHEST = 1e30  # in place of infinity in the limits of observers
+
+
+class Program(NamedTuple):
+    """A control step as functions of CasADi."""
+
+    functions: dict[str, Any]
+    parts: list[str]  # the functions of the control period, and of the time until the action acts
+    memory: int
+    extra: int
+    estimate: int  # 0: the policy predicts no vehicle
+    checked: int  # numbers at the beginning of the memory that must stay below `limit`
+    limit: float
+
+
+def _function(name: str, make: Callable[..., dict[str, Any]], **sizes: int) -> Any:
+    """Return a function of CasADi with arguments of these sizes."""
+    symbols = {argument: ca.SX.sym(argument, size) for argument, size in sizes.items()}
+    results = make(**symbols)
+    values = ca.cse([ca.densify(ca.SX(value)) for value in results.values()])
+    return ca.Function(name, list(symbols.values()), values, list(symbols), list(results))
+
+
+def _row(value: Any) -> Any:
+    """Return a vector as an array of one row."""
+    return columns(value).T
+
+
+def _measured_state(measured: Any) -> Any:
+    state = np.zeros((STATE_SIZE, 1), object)
+    state[[0, 1, 2, 6, 7, 8, 12, 13, 14]] = columns(measured)
+    return lift(load_state)(state, 0, 0)
+
+
+def _reference(reference: Any) -> Any:
+    return lift(load_reference)(columns(reference), 0, 0)
+
+
+def _measure(position: Any, quaternion: Any, direction: Any, derivatives: Any, yaw: Any) -> dict[str, Any]:
+    rotation = lift(rotation_matrix)(lift(normalised)(Quaternion(*ca.vertsplit(quaternion))))
+    euler = lift(euler_from_rotation)(rotation, yaw[0])  # within half a turn of the reference
+    measured = ca.vertcat(position - derivatives[:3], *euler, direction)
+    return {"measured": measured, "reference": ca.vertcat(derivatives[6:], yaw)}
+
+
+def _observed(measured: Any, reference: Any, length: float) -> Any:
+    """Return the observation without rates, shape (27,)."""
+    error = ca.vertcat(measured[:2] + length * measured[6:8], measured[2])
+    attitude = ca.vertcat(measured[3:5], measured[5] - reference[15])
+    return ca.vertcat(error, measured[6:9], attitude, reference) / OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS]
+
+
+def _plant(simulation: Simulation) -> Any:
+    plant: Any = plant_of(simulation)
+    return SimpleNamespace(actions_for=partial(lift(type(plant).actions_for), plant))
+
+
+def program(policy: Any, simulation: Simulation) -> Program:
+    """Return the control step of an adapted policy.
+
+    Raises:
+        ValueError: The policy has a part that is not read.
+    """
+    measure = _function("measure", _measure, position=3, quaternion=4, direction=3, derivatives=21, yaw=3)
+    if isinstance(policy, ADRC):
+        found = _adrc(policy)
+    elif isinstance(policy, OutputFeedback):
+        found = _with_law(_observer(policy), policy)
+    elif isinstance(policy, MlpPolicy) and policy.hybrid is None:
+        found = _differences(simulation)
+    elif isinstance(policy, MlpPolicy) and isinstance(policy.hybrid.controller, OutputFeedback):
+        found = _with_hybrid(_observer(policy.hybrid.controller), policy.hybrid)
+    else:
+        raise ValueError("networks that read the observers of ADRC are not written as C")
+    return found._replace(functions={"measure": measure, **found.functions})
+
+
+def _parts(prediction: Any, size: int, replaced: Any = None) -> tuple[dict[str, Any], list[str]]:
+    """Return the functions that advance an estimate of a length, and their names for each part of the loop."""
+    packed, packed_rigid = prediction.numbers
+    loop, rigid = lift(estimator.unpack_loop)(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
+    found: dict[tuple[float, ...], str] = {}
+    functions, names = {}, []
+    for k, part in enumerate(prediction.parts):
+        key = (*part, *prediction.actuators[k].ravel())
+        if key not in found:
+            found[key] = f"advance_{len(found)}"
+
+            def advance(state: Any, chosen: Any, k: int = k) -> dict[str, Any]:
+                memory, buffer = columns(state), np.empty((estimator.BUFFER_SIZE, 1), object)
+                lift(estimator.advance)(memory, 0, Four(*ca.vertsplit(chosen)), k, loop, rigid, buffer)
+                return {"following": vector(memory)}
+
+            functions[found[key]] = _function(found[key], advance, state=size, chosen=ACTION_SIZE)
+        names.append(found[key])
+    return functions, names
+
+
+def _arrive(memory: Any, loop: Any) -> None:
+    """Finish `carry_forward` after the estimate was advanced by all parts."""
+    if loop.parts.shape[0] > 1:
+        lift(estimator.carry_forward, {estimator.advance: lambda *_: None})(memory, 0, None, loop, None, None)
+
+
+def _observer(base: OutputFeedback) -> Program:
+    """Return the Kalman observer, without a control law."""
+    found, size = base.estimator, base.estimator.size
+    share, packed, packed_rigid = found.numbers
+    loop, rigid = lift(estimator.unpack_loop)(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
+    pendulum = loop.plant.pendulum
+    functions, names = _parts(found.prediction, size)
+
+    def begin(measured: Any, reference: Any) -> dict[str, Any]:
+        memory = np.zeros((size, 1), object)
+        start = memory, 0, _measured_state(measured), False, _reference(reference)
+        lift(estimator.begin)(*start, pendulum, rigid)
+        return {"memory": vector(memory)}
+
+    def correct(memory: Any, measured: Any, reference: Any, gain: Any) -> dict[str, Any]:
+        given, after, buffer = np.zeros((24, 16), object), columns(memory), np.empty((24, 1), object)
+        given[:, MEASURED] = columns(gain).reshape(24, MEASURED.size)
+        seen = after, 0, _measured_state(measured), False, _reference(reference)
+        lift(estimator.correct)(*seen, given, share, pendulum.vehicle, rigid, buffer)
+        return {"next": vector(after)}
+
+    sizes = {"measured": 9, "reference": 18}
+    functions["begin"] = _function("begin", begin, **sizes)
+    functions["correct"] = _function("correct", correct, memory=size, **sizes, gain=24 * MEASURED.size)
+    return Program(functions, names, size, 0, size, STATE_SIZE, estimator._MAX_ESTIMATE)
+
+
+def _control(base: OutputFeedback, later: Any, law_memory: Any, **options: Any) -> tuple[Any, Any]:
+    """Return action and memory of the law as vectors, as `OutputFeedback.control` does."""
+    prediction, law, after = base.estimator.prediction, base._law, columns(later)
+    _arrive(after, lift(estimator.unpack_loop)(prediction.numbers[0]))
+    ratio, nominal, plant = after[MASS_RATIO, 0], Estimate(after.T.copy()), _plant(base.simulation)
+    if base.gains.estimator.mass_time:
+        nominal.disturbance[:, :TORQUE] /= ratio
+    memory = _row(law_memory) if isinstance(law, Lqr) else ()
+    command, memory = lift(type(law).command, {plant_of: _plant})(law, nominal, memory, **options)
+    if isinstance(law, Lqg):
+        command[0, THRUST] = ratio * (1.0 + command[0, THRUST]) - 1.0
+        wanted = columns([ca.fmin(ca.fmax(a, -1.0), 1.0) for a in command[0]])
+    else:
+        command[0, THRUST] *= ratio
+        wanted = plant.actions_for(command, after[RIGID_PART:LOOP].T).T
+    lift(compensate)(wanted, prediction.loop.steps, prediction.actuators[0], after, LOOP, 0)
+    return vector(wanted), vector(memory) if isinstance(law, Lqr) else law_memory
+
+
+def _law_size(base: OutputFeedback) -> int:
+    return 3 if isinstance(base._law, Lqr) else 0
+
+
+def _with_law(observer: Program, base: OutputFeedback) -> Program:
+    extra = max(_law_size(base), 1)
+
+    def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
+        action, after = _control(base, later, extra)
+        return {"action": action, "next_extra": after}
+
+    sizes = {"memory": observer.memory, "later": observer.estimate, "extra": extra, "output": ACTION_SIZE}
+    functions = {**observer.functions, "law": _function("law", law, **sizes)}
+    return observer._replace(functions=functions, extra=extra)
+
+
+def _with_hybrid(observer: Program, hybrid: Hybrid) -> Program:
+    base: OutputFeedback = hybrid.controller
+    size, loop = _law_size(base), lift(estimator.unpack_loop)(base.estimator.prediction.numbers[0])
+    length, hover = base.simulation.parameters.rod_length, base.simulation.parameters.hover_thrust
+    own = SITUATION_SIZE + DISTURBANCE_SIZE + 1 if isinstance(hybrid, EstimateOnly) else 1 + ACTION_SIZE
+
+    def disturbance_of(memory: Any) -> Any:
+        disturbance = _row(memory)[:, estimator.DISTURBANCE : estimator.REFERENCE].copy()
+        disturbance[0, FORCE + 2] -= (memory[MASS_RATIO] - 1.0) * hover
+        return disturbance
+
+    def estimate_only(memory: Any, later: Any, extra: Any) -> dict[str, Any]:
+        after, disturbance = columns(later), disturbance_of(memory)
+        _arrive(after, loop)
+        seen = [vector(lift(estimator.observation_of)(Estimate(after.T), length)), vector(disturbance)]
+        if hybrid.situation:
+            squares, last, steps = ca.vertsplit(extra[size:], [0, SITUATION_SIZE, own - 1, own])
+            steps = steps + 1.0
+            change = _row(ca.if_else(steps > 1.0, vector(disturbance) - last, 0.0))
+            innovation = _row(memory)[:, INNOVATION:RIGID_PART]
+            share = ca.fmax(1.0 / steps, base.simulation.period / 1.0)
+            squares += share * (vector(mean_squares(innovation, disturbance, change)) - squares)
+            seen.append(ca.sqrt(squares))
+            extra = ca.vertcat(extra[:size], squares, vector(disturbance), steps)
+        return {"seen": ca.vertcat(*seen), "next_extra": extra}
+
+    def correction(memory: Any, later: Any, extra: Any) -> dict[str, Any]:
+        law_memory, (score, _) = extra[:size], ca.vertsplit(extra[size:], [0, 1, own])
+        estimated = vector(lift(estimator.observation_of)(Estimate(_row(memory)), length))
+        disturbance = vector(disturbance_of(memory))
+        r = OBSERVATION_FIELDS["direction"].start
+        tilt = ca.norm_2(estimated[r : r + 2] * OBSERVATION_SCALE[r : r + 2]) / _TILT
+        decay = _DECAY ** (base.simulation.period / CONTROL_PERIOD)
+        score = ca.fmax(ca.fmax(ca.norm_2(disturbance[TORQUE:]) / _TORQUE, tilt), decay * score)
+        small = float(_MAGNIFICATION) * estimated[:REFERENCE_START]
+        seen, action = [small, estimated[REFERENCE_START:], disturbance], ca.SX.zeros(ACTION_SIZE)
+        if isinstance(hybrid, ResidualAction):
+            action, law_memory = _control(base, later, law_memory)
+            seen.append(float(_MAGNIFICATION) * action)
+        return {"seen": ca.vertcat(*seen), "next_extra": ca.vertcat(law_memory, score, action)}
+
+    def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
+        if isinstance(hybrid, EstimateOnly):
+            return {"action": output, "next_extra": extra}
+        weighed = output / (1.0 + (hybrid.fallback_gain * extra[size]) ** 2)
+        if isinstance(hybrid, ResidualAction):
+            return {"action": extra[size + 1 :] + hybrid.action_scale * weighed, "next_extra": extra}
+        scales = ca.exp(np.log(1.0 + hybrid.action_scale) * weighed)
+        action, _ = _control(base, later, extra[:size], bandwidth_scale=_row(scales))
+        return {"action": action, "next_extra": extra}
+
+    inputs = estimate_only if isinstance(hybrid, EstimateOnly) else correction
+    sizes = {"memory": observer.memory, "later": observer.estimate, "extra": size + own}
+    functions = {
+        **observer.functions,
+        "inputs": _function("inputs", inputs, **sizes),
+        "law": _function("law", law, **sizes, output=ACTION_SIZE),
+    }
+    return observer._replace(functions=functions, extra=size + own)
+
+
+def _differences(simulation: Simulation) -> Program:
+    """Return the control step of a network whose rates are finite differences, see `policies.finite_differences`."""
+    length, size = simulation.parameters.rod_length, 9 + OBSERVATION_SIZE
+
+    def memory_of(observed: Any, reference: Any, last: Any) -> Any:
+        outputs = observed[:9] * OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS[:9]]
+        rates = (outputs - (outputs if last is None else last)) / simulation.period
+        rates[8] += reference[16]
+        full = ca.SX.zeros(OBSERVATION_SIZE)
+        full[OUTPUT_FEEDBACK_COLUMNS.tolist()] = observed
+        hidden = np.setdiff1d(np.arange(REFERENCE_START), OUTPUT_FEEDBACK_COLUMNS)
+        full[hidden.tolist()] = rates / OBSERVATION_SCALE[hidden]
+        return ca.vertcat(outputs, full)
+
+    def begin(measured: Any, reference: Any) -> dict[str, Any]:
+        return {"memory": memory_of(_observed(measured, reference, length), reference, None)}
+
+    def correct(memory: Any, measured: Any, reference: Any) -> dict[str, Any]:
+        return {"next": memory_of(_observed(measured, reference, length), reference, memory[:9])}
+
+    def inputs(memory: Any, later: Any, extra: Any) -> dict[str, Any]:
+        return {"seen": memory[9:], "next_extra": extra}
+
+    def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
+        return {"action": output, "next_extra": extra}
+
+    sizes, seen = {"measured": 9, "reference": 18}, {"memory": size, "later": size, "extra": 1}
+    functions = {
+        "begin": _function("begin", begin, **sizes),
+        "correct": _function("correct", correct, memory=size, **sizes),
+        "inputs": _function("inputs", inputs, **seen),
+        "law": _function("law", law, **seen, output=ACTION_SIZE),
+    }
+    return Program(functions, [], size, 1, 0, 0, 1.0)
+
+
+def _adrc(policy: ADRC) -> Program:
+    """Return the control step of ADRC; the kernels are cut where they advance an estimate, which ``policy.c`` does."""
+    size, bank = policy._estimate_size, np.minimum(policy._bank, _HIGHEST)
+    packed_loop, packed_rigid = policy._prediction.numbers
+    numbers = policy._packed, packed_loop, packed_rigid
+    total, plant, first = adrc.PLANT + 2 * size, _plant(policy.simulation), adrc.PLANT + size
+    loop = lift(estimator.unpack_loop)(packed_loop)
+
+    def commands(memory: Any, later: Any = None, started: bool = False) -> tuple[Any, Any, Any, Any]:
+        """Return the memory, the estimates before and after the cut, and thrust and torques."""
+        before, out, after, cut = _row(memory), _row(memory), np.empty((1, size), object), []
+
+        def carry(state: Any, *_: Any) -> None:
+            cut.append(vector(state))
+            if later is not None:
+                state[:, 0] = ca.vertsplit(later)
+                _arrive(state, loop)
+
+        replaced = {estimator.carry_forward: carry, estimator.is_bounded: lambda *_: True}
+        observed = before[:, adrc.OBSERVED : adrc.PLANT]
+        command = lift(adrc._commands, replaced)((before, [started]), observed, *numbers, out, after)
+        return vector(out), cut[0] if cut else vector(after) if size else None, after, command
+
+    def observe(memory: Any, measured: Any, reference: Any, started: bool) -> Any:
+        out = _row(memory)
+        observed = _row(_observed(measured, reference, policy.simulation.parameters.rod_length))
+        kernel = lift(adrc._observe, {estimator.is_bounded: lambda *_: True})
+        kernel((_row(memory), [started]), observed, bank, *numbers, out)
+        return vector(out)
+
+    def begin(measured: Any, reference: Any) -> dict[str, Any]:
+        memory = observe(ca.SX.zeros(total), measured, reference, True)
+        if size:
+            memory, now, _, _ = commands(memory, started=True)
+            memory = ca.vertcat(memory[:first], memory[adrc.PLANT : first])
+        return {"memory": memory}
+
+    def correct(memory: Any, measured: Any, reference: Any) -> dict[str, Any]:
+        return {"next": observe(memory, measured, reference, False)}
+
+    def prepare(memory: Any) -> dict[str, Any]:
+        after, later, _, _ = commands(memory)
+        return {"next": after, "later": later}
+
+    def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
+        _, _, after, command = commands(memory, later if size else None)
+        if not size:
+            return {"action": vector(plant.actions_for(command)), "next_extra": extra}
+        wanted = plant.actions_for(command, after[:, RIGID_PART : RIGID_PART + RIGID_SIZE]).T
+        lift(compensate)(wanted, loop.plant.delay, policy._prediction.actuators[0], after.T, LOOP, 0)
+        return {"action": vector(wanted), "next_extra": extra}
+
+    def applied(memory: Any, action: Any, following: Any) -> tuple[Any, Any]:
+        """Return the estimate before the cut, and the memory after it."""
+        out, cut = _row(memory), []
+
+        def advance(state: Any, *_: Any) -> None:
+            cut.append(vector(state))
+            state[:, 0] = ca.vertsplit(following)
+
+        lift(adrc._apply, {estimator.advance: advance})(_row(action), *numbers, out)
+        return cut[0], vector(out)
+
+    def begin_following(memory: Any) -> dict[str, Any]:
+        return {"plant": applied(memory, ca.SX.zeros(ACTION_SIZE), ca.SX.zeros(size))[0]}
+
+    def apply(memory: Any, action: Any, plant: Any) -> dict[str, Any]:
+        return {"next": applied(memory, action, plant)[1]}
+
+    def apply_at_once(memory: Any, action: Any) -> dict[str, Any]:
+        command = vector(plant_of(policy.simulation).command(_row(action)))
+        return {"next": ca.vertcat(memory[: adrc.COMMAND], command, action, memory[adrc.OBSERVED :])}
+
+    sizes = {"measured": 9, "reference": 18}
+    made = {
+        "begin": _function("begin", begin, **sizes),
+        "correct": _function("correct", correct, memory=total, **sizes),
+        "law": _function("law", law, memory=total, later=size or total, extra=1, output=ACTION_SIZE),
+    }
+    if not size:
+        made["apply"] = _function("apply", apply_at_once, memory=total, action=ACTION_SIZE)
+        return Program(made, [], total, 1, 0, 0, 1.0)
+    functions, names = _parts(policy._prediction, size)
+    made["prepare"] = _function("prepare", prepare, memory=total)
+    made["begin_following"] = _function("begin_following", begin_following, memory=total)
+    made["apply"] = _function("apply", apply, memory=total, action=ACTION_SIZE, plant=size)
+    return Program({**functions, **made}, names, total, 1, size, 0, 1.0)

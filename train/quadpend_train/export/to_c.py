@@ -1,0 +1,232 @@
+"""Policies as C: one source, one header, and golden vectors with a program that checks them.
+
+`program` reads the equations; the templates ``policy.c``, ``policy.h`` and ``check.c`` stand beside this file.
+"""
+
+import re
+from collections.abc import Iterable
+from copy import copy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from quadpend_baselines import Policy
+from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.controllers.mppi import Mppi
+from quadpend_baselines.controllers.nmpc import Nmpc
+from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.estimation.estimator import Estimator
+from quadpend_gym.actuators import Rotors
+from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.engines import scalar_c
+from quadpend_gym.scenarios import Scenario, find_scenarios
+from quadpend_gym.sensors import Delay
+from quadpend_train.common.files import atomic
+from quadpend_train.export.program import MEASURED, program
+from quadpend_train.policies.compiled import samples_of
+from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
+from quadpend_train.policies.mlp_policy import MlpPolicy
+
+_FOLDER = Path(__file__).parent
+_STEPS = 100  # golden vectors
+# Corrections from which on a gain of the Kalman filter is used: 20 at the beginning, then the steady one
+_GAIN_STEPS = (*range(10), 11, 13, 15, 18, 22, 27, 34, 43, 55, 72, 99)
+_ACTIVATIONS = {"relu": "q_max({0}, 0)", "tanh": "q_tanh({0})", "elu": "{0} > 0 ? {0} : q_exp({0}) - 1"}
+_HOLDS = "the latest one is held"
+_PREDICTS = "the observer\n * predicts"
+
+
+def export_c(policy: Policy, name: str, scenario: Scenario, out: Path) -> list[Path]:
+    """Write a policy as C, for the vehicle, the interface, the period and the latency of a scenario.
+
+    Args:
+        policy: The policy, not adapted.
+        name: Its name, for comments.
+        scenario: The scenario. Velocities are not measured, as in scenarios with ``output_feedback``.
+        out: The source to write; the header and the golden vectors (``_check.c``) are written beside it.
+
+    Returns:
+        The three files.
+
+    Raises:
+        ValueError: The policy or the scenario cannot be written as C.
+    """
+    stem = out.stem
+    if out.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", stem, re.ASCII):
+        raise ValueError(f"the name of a C file must be letters, digits and _, and end with .c, not {out.name!r}")
+    scenario = replace(scenario, output_feedback=True)
+    adapted = _adapted(policy, name, scenario)
+    inner = adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
+    simulation, found = scenario.simulation, program(inner, scenario.simulation)
+    scale, is_network, reads_observer = simulation.command_scale, isinstance(inner, MlpPolicy), bool(found.checked)
+    functions = dict(found.functions)
+    tables, layers = "", ""
+    if reads_observer:
+        tables += _gain_tables(_observer(inner))
+    if isinstance(inner, MlpPolicy):
+        more, network_tables, layers = _network(inner)
+        functions, tables = {**functions, **more}, tables + network_tables
+    turning = {"body_rates": ("rate", "rad/s"), "wrench": ("torque", "N m")}[simulation.interface]
+    vehicle = simulation.vehicle.name
+    values = {
+        "name": stem,
+        "title": f"{out.with_suffix('.h').name}: the policy {name} for the vehicle {vehicle}.",
+        "description": f"It is designed for the scenario {scenario.name}: {scenario.description}.",
+        "period": repr(simulation.period),
+        "latency": repr(simulation.latency),
+        "interface": simulation.interface,
+        "vehicle": vehicle,
+        "turning": turning[0],
+        "turning_unit": turning[1],
+        "most_thrust": f"{2.0 * scale[0]:.6g}",
+        "limits": ", ".join(f"{limit:.6g}" for limit in scale[1:]),
+        "missing": _PREDICTS if reads_observer else _HOLDS,
+        "elementary": (_FOLDER / "elementary.c").read_text(encoding="utf-8").strip(),
+        "kalman": int(reads_observer),
+        "adrc": int(isinstance(inner, ADRC)),
+        "network": int(is_network),
+        "repeat": inner.card["action_repeat"] if isinstance(inner, MlpPolicy) else 1,
+        "memory": found.memory,
+        "extra": found.extra,
+        "estimate": found.estimate,
+        "parts": len(found.parts),
+        "checked": found.checked,
+        "limit": found.limit,
+        "scale": _numbers(scale),
+        "tables": tables,
+        "functions": "\n".join(scalar_c(function) for function in functions.values()),
+        "advances": ", ".join(found.parts),
+        "layers": layers,
+        "steps": _STEPS,
+        "vectors": _vectors(adapted, scenario),
+        "ranges": _numbers(2.0 * scale),
+    }
+    files = {"policy.c": out, "policy.h": out.with_suffix(".h"), "check.c": out.with_name(f"{stem}_check.c")}
+    for template, path in files.items():
+        text = (_FOLDER / template).read_text(encoding="utf-8")
+        with atomic(path) as unfinished:
+            filled = re.sub(r"@(\w+)@", lambda match: str(values[match[1]]), text)
+            unfinished.write_text(filled, encoding="utf-8")
+    return list(files.values())
+
+
+def _adapted(policy: Policy, name: str, scenario: Scenario) -> Any:
+    """Return the policy for a scenario, with the gains and the precision of its C file."""
+    trained = policy.card.get("settings", {}).get("scenarios", ()) if isinstance(policy, MlpPolicy) else ()
+    tasks = [scenario.task, *(item.task for item in find_scenarios(trained).values())]
+    law = getattr(policy, "_law", None)
+    if any(task.pendulum != "upright" or task.limits.pendulum_angle > 0.5 * np.pi for task in tasks):
+        raise ValueError(f"{name} cannot be written as C: only policies that balance an upright pendulum can")
+    if not isinstance(policy, ADRC | OutputFeedback | MlpPolicy) or isinstance(law, Mppi | Nmpc):
+        raise ValueError(f"{name} cannot be written as C: it is no network, ADRC, LQR, LQI, LQG, flatness or dual-mode")
+    if scenario.simulation.interface == "rotors" or any(isinstance(model, Rotors) for model in scenario.actuators):
+        raise ValueError("C files command thrust with torques or body rates: choose another --scenario without rotors")
+    if any(isinstance(model, Delay) for model in scenario.sensors):
+        raise ValueError("C files predict no delay of sensors: choose another --scenario, with a latency in its place")
+    adapted = policy.adapt(scenario)
+    inner: Any = adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
+    if isinstance(inner, MlpPolicy):
+        inner.forward = _double_forward(inner)  # type: ignore[method-assign]
+    if (observer := _observer(inner)) is not None:
+        thinned = tuple(table[_gain_rows(len(table))] for table in observer._tables)
+        observer.__dict__["_tables"] = thinned
+    return adapted
+
+
+def _observer(policy: Any) -> Any:
+    """Return the Kalman observer of a policy; None without one."""
+    if isinstance(policy, MlpPolicy):
+        return None if policy.hybrid is None else getattr(policy.hybrid.controller, "estimator", None)
+    return getattr(policy, "estimator", None)
+
+
+def _double_forward(policy: MlpPolicy) -> Any:
+    """Return the network's function in double precision, from and to single precision."""
+    double = copy(policy)
+    double.layers = [(weights.astype(float), biases.astype(float)) for weights, biases in policy.layers]
+
+    def forward(inputs: Floats32) -> Floats32:
+        return MlpPolicy.forward(double, inputs.astype(float)).astype(np.float32)  # type: ignore[arg-type]
+
+    return forward
+
+
+def _gain_rows(steps: int) -> Any:
+    """Return for each correction the step whose gain is used."""
+    used = np.array(_GAIN_STEPS)
+    return used[np.searchsorted(used, np.arange(steps), side="right") - 1]
+
+
+def _gain_tables(observer: Estimator) -> str:
+    table = observer._tables[0][list(_GAIN_STEPS)][:, :, MEASURED]
+    rows = np.searchsorted(_GAIN_STEPS, _gain_rows(len(observer._tables[0])))
+    return (
+        f"static const unsigned char gain_rows[{len(rows)}] = {{\n{_lines(map(str, rows))}}};\n"
+        f"static const real gains[{len(table)}][{table[0].size}] = {{\n"
+        + ",\n".join(f"{{{_numbers(gain.ravel())}}}" for gain in table)
+        + "};\n"
+    )
+
+
+def _network(policy: MlpPolicy) -> tuple[dict[str, Any], str, str]:
+    """Return functions, tables and calls of a network."""
+    card, layers = policy._card, policy.layers
+    count = len(layers[0][0]) // (1 + len(policy.input_scales))
+    x, y = ca.SX.sym("inputs", count), ca.SX.sym("last", 4)
+    scaled = x
+    if (normalization := card.normalization) is not None:
+        scaled = (x - np.array(normalization.mean)) / np.array(normalization.std)
+        scaled = ca.fmin(ca.fmax(scaled, -normalization.clip), normalization.clip)
+    scaled = ca.vertcat(scaled, *(ca.tanh(scale * scaled) for scale in policy.input_scales))
+    out = y if card.bound is None else ca.fmin(ca.fmax(y, -card.bound), card.bound)
+    out = ca.tanh(out) if card.squashed else ca.fmin(ca.fmax(out, -1.0), 1.0)
+    functions = {
+        "features": ca.Function("features", [x], [scaled], ["inputs"], ["features"]),
+        "finish": ca.Function("finish", [y], [out], ["last"], ["output"]),
+    }
+    lines = [f"real x[INPUTS], layer_0[{len(layers[0][0])}];"]
+    lines += ["for (int i = 0; i < INPUTS; ++i) x[i] = (real)(float)inputs[i]; /* single precision, as in training */"]
+    lines += ["features(x, layer_0);"]
+    tables = f"#define INPUTS {count}\n"
+    for i, (weights, biases) in enumerate(layers):
+        rows, columns = weights.shape
+        tables += f"static const real weights_{i}[{rows * columns}] = {{\n{_numbers(weights.T.ravel())}}};\n"
+        tables += f"static const real biases_{i}[{columns}] = {{\n{_numbers(biases)}}};\n"
+        lines.append(f"real layer_{i + 1}[{columns}];")
+        lines.append(f"dense({rows}, {columns}, weights_{i}, biases_{i}, layer_{i}, layer_{i + 1});")
+        if i < len(layers) - 1:
+            value = _ACTIVATIONS[card.activation].format(f"layer_{i + 1}[i]")
+            lines.append(f"for (int i = 0; i < {columns}; ++i) layer_{i + 1}[i] = {value};")
+    lines.append(f"finish(layer_{len(layers)}, output);")
+    return functions, tables, "\n".join(f"  {line}" for line in lines)
+
+
+def _vectors(policy: Policy, scenario: Scenario) -> str:
+    """Return measurements, references and commands of a flight."""
+    envs, memory, rows = scenario.make_vec(1), None, []
+    observation, _ = envs.reset(seed=0)
+    scale = scenario.simulation.command_scale
+    for step in range(_STEPS):
+        action, memory = policy.predict(observation, memory, np.array([step == 0]))
+        sample = samples_of(observation, scenario.simulation.parameters.rod_length)[0]
+        command = scale * action[0].astype(float) + [scale[0], 0.0, 0.0, 0.0]
+        rows.append(f"  {{{_numbers([*sample, *command])}}}")
+        observation, *_ = envs.step(action)
+    return ",\n".join(rows)
+
+
+def _numbers(values: Iterable[float] | Floats) -> str:
+    return _lines(f"R({float(value)!r})" for value in values)
+
+
+def _lines(texts: Iterable[str]) -> str:
+    """Return texts between commas, in lines of at most 120 characters."""
+    lines = [""]
+    for text in texts:
+        if len(lines[-1]) + len(text) > 116:
+            lines.append("")
+        lines[-1] += f"{text}, "
+    return "\n".join(lines).removesuffix(", ")

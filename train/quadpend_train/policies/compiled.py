@@ -1,0 +1,116 @@
+"""Policies from C files that ``quadpend export --to c`` has written, compiled and flown in the environment."""
+
+import ctypes
+import re
+from copy import copy
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from quadpend_baselines import Policy
+from quadpend_baselines.estimation.estimator import measurement_from_observation
+from quadpend_baselines.policy.protocol import episode_start_mask
+from quadpend_gym import read_observation
+from quadpend_gym.core.arrays import Booleans, Floats, Floats32
+from quadpend_gym.core.c_library import compile_c
+from quadpend_gym.physics.state import State
+from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
+
+SAMPLE_SIZE = 34  # position, quaternion and direction; seven derivatives of the reference, and the yaw reference
+_ROWS = """
+int memory_size(void) {{ return (int)sizeof({name}_policy); }}
+void rows(int count, char *memory, const char *started, const {name}_real *samples, {name}_real *commands) {{
+  for (int row = 0; row < count; ++row) {{
+    {name}_policy *policy = ({name}_policy *)(void *)(memory + row * memory_size());
+    const {name}_real *sample = samples + {size} * row;
+    if (started[row]) {name}_reset(policy);
+    {name}_step(policy, (const {name}_measurement *)(const void *)sample,
+                (const {name}_reference *)(const void *)(sample + 10), ({name}_command *)(void *)(commands + 4 * row));
+  }}
+}}
+"""
+
+
+def samples_of(observation: Floats32, rod_length: float) -> Floats:
+    """Return what a C file takes for observations of shape (n, 36) or (n, 27), shape (n, 34); l in m.
+
+    The position is relative to the reference, whose position and velocity are therefore zero.
+    """
+    seen = observation
+    if observation.shape[-1] != OUTPUT_FEEDBACK_SIZE:
+        seen = observation[:, OUTPUT_FEEDBACK_COLUMNS]
+    measured = measurement_from_observation(seen, rod_length)
+    state = State(measured.state)
+    x, y, z, w = Rotation.from_euler("xyz", state.euler).as_quat().T
+    quaternion = np.stack([w, x, y, z], axis=1)
+    orders = [read_observation(seen, f"reference_{order}") for order in range(2, 7)]
+    none = np.zeros((len(seen), 6))
+    yaw = read_observation(seen, "yaw_reference")
+    return np.hstack([state.position, quaternion, state.direction, none, *orders, yaw])
+
+
+class CPolicy(Policy):
+    """A C file as a policy of the environment, in single precision.
+
+    Args:
+        path: The source, beside its header.
+        flags: Macros such as ``QUADPEND_DOUBLE``, which are defined before.
+    """
+
+    has_linear_model = False
+
+    def __init__(self, path: str | Path, flags: tuple[str, ...] = ()) -> None:
+        self.path, self.name, self.scale, self.rod_length = Path(path), Path(path).stem, np.ones(4), 0.0
+        header = self.path.with_suffix(".h")
+        if not self.path.is_file() or not header.is_file():
+            raise ValueError(f"there must be a C file {self.path} with a header {header}, written by quadpend export")
+        text, include = header.read_text(encoding="utf-8"), f'#include "{header.name}"'
+        found = re.findall(rf"#define {self.name}_(PERIOD|LATENCY|INTERFACE|VEHICLE) \"?([\w.]+)", text)
+        self.designed = dict(found)
+        if len(self.designed) != 4:
+            raise ValueError(f"{header} was not written by quadpend export")
+        source = self.path.read_text(encoding="utf-8").replace(include, text)
+        defined = "".join(f"#define {flag}\n" for flag in flags)
+        self.source = defined + source + _ROWS.format(name=self.name, size=SAMPLE_SIZE)
+        self._real = np.float64 if "QUADPEND_DOUBLE" in flags else np.float32
+
+    @cached_property
+    def _library(self) -> Any:
+        return ctypes.CDLL(str(compile_c(self.source)))
+
+    def adapt(self, scenario: Scenario) -> "CPolicy":
+        """Return the policy for a scenario with the period and the interface for which the file was written."""
+        simulation = scenario.simulation
+        for name, value in (("PERIOD", repr(simulation.period)), ("INTERFACE", simulation.interface)):
+            if self.designed[name] != value:
+                raise ValueError(
+                    f"{self.path} was written for the {name.lower()} {self.designed[name]}, not {value}: export it for"
+                    " this scenario"
+                )
+        other = copy(self)
+        other.scale, other.rod_length = simulation.command_scale, simulation.parameters.rod_length
+        return other
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return the action, and copies of the C policy's memories; see `quadpend_baselines.Policy.predict`."""
+        given = np.atleast_2d(np.asarray(observation, np.float32))
+        command, memory = self.command(samples_of(given, self.rod_length), state, episode_start)
+        action = (command - self.scale * [1.0, 0.0, 0.0, 0.0]) / self.scale
+        clipped = np.clip(action, -1.0, 1.0).astype(np.float32)  # what rounding adds
+        return clipped.reshape(*np.shape(observation)[:-1], 4), memory
+
+    def command(self, samples: Floats, state: Any = None, episode_start: Any = None) -> tuple[Floats, Any]:
+        """Return thrust (N) and rates (rad/s) or torques (N·m) for samples of shape (n, 34), and the memories."""
+        rows, library = len(samples), self._library
+        started: Booleans = episode_start_mask(episode_start, state is None, rows)
+        memory = np.zeros((rows, library.memory_size()), np.uint8) if state is None else state.copy()
+        given, commands = np.ascontiguousarray(samples, self._real), np.empty((rows, 4), self._real)
+        arrays = memory, started, given, commands
+        library.rows(rows, *(array.ctypes.data_as(ctypes.c_void_p) for array in arrays))
+        return commands.astype(float), memory
