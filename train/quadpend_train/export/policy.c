@@ -15,7 +15,6 @@ static inline real q_max(real a, real b) { return a > b ? a : b; }
 #define MEMORY @memory@
 #define EXTRA @extra@
 #define ESTIMATE @estimate@ /* numbers of an estimate of the vehicle */
-#define REFERENCE 27     /* its first field of the reference */
 #define PARTS @parts@ /* periods and parts of one that are predicted through */
 
 static const real SCALE[4] = {@scale@};
@@ -63,12 +62,14 @@ void @name@_reset(@name@_policy *policy) { policy->running = 0; }
 /* Estimate the state, and choose the action. */
 static void act(@name@_policy *policy, int is_sample) {
   const @name@_measurement *sample = &policy->sample;
-  real measured[9], reference[18], next[MEMORY], extra[EXTRA];
+  real observed[27], next[MEMORY], extra[EXTRA];
   real *memory = policy->memory, *action = policy->action;
-  measure(sample->position, sample->quaternion, sample->direction, policy->target.derivatives[0], policy->target.yaw,
-          measured, reference);
+  observe(sample->position, sample->quaternion, sample->direction, policy->target.derivatives[0], policy->target.yaw,
+          observed);
+  /* In the environment, observations and actions have single precision. */
+  for (int i = 0; i < 27; ++i) observed[i] = (real)(float)observed[i];
   if (!policy->running) {
-    begin(measured, reference, memory);
+    begin(observed, memory);
     for (int i = 0; i < 4; ++i) action[i] = 0;
     for (int i = 0; i < EXTRA; ++i) policy->extra[i] = 0;
     policy->running = 1;
@@ -77,17 +78,16 @@ static void act(@name@_policy *policy, int is_sample) {
 #if KALMAN
     predict(memory, action, 0, 1);
     if (is_sample) {
-      correct(memory, measured, reference, gains[gain_rows[policy->age]], next);
-      copy(MEMORY, next, memory);
+      correct(memory, observed, gains[gain_rows[policy->age]], next);
     } else {
-      copy(18, reference, memory + REFERENCE);
+      miss(memory, observed, next);
     }
     if (policy->age < (int)sizeof gain_rows - 1) ++policy->age;
 #else
     (void)is_sample;
-    correct(memory, measured, reference, next);
-    copy(MEMORY, next, memory);
+    correct(memory, observed, next);
 #endif
+    copy(MEMORY, next, memory);
   }
 #if ESTIMATE
   real later[ESTIMATE];
@@ -110,7 +110,6 @@ static void act(@name@_policy *policy, int is_sample) {
 #endif
   law(memory, later, policy->extra, policy->output, action, extra);
   copy(EXTRA, extra, policy->extra);
-  /* Actions have single precision in the environment. */
   for (int i = 0; i < 4; ++i) action[i] = (real)(float)q_min(q_max(action[i], R(-1)), R(1));
 #if ADRC
 #if ESTIMATE

@@ -4,8 +4,7 @@
 
 | argument  | size | content                                                                                     |
 |-----------|------|---------------------------------------------------------------------------------------------|
-| measured  | 9    | position relative to the reference (m), φ, θ, ψ (rad), r                                     |
-| reference | 18   | `Derivatives`                                                                               |
+| observed  | 27   | the observation of the environment without rates                                            |
 | memory    | m    | an estimate (`estimation.estimator`), the memory of `controllers.adrc`, or an observation   |
 | later     | e    | the estimate at the time when the action acts                                               |
 | extra     | k    | memory of the control law, then of the hybrid                                               |
@@ -26,27 +25,33 @@ from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation import estimator
-from quadpend_baselines.estimation.chains import OBSERVERS_SIZE
-from quadpend_baselines.estimation.estimator import AGE, INNOVATION, LOOP, MASS_RATIO, RIGID_PART, STATE, Estimate
+from quadpend_baselines.estimation.estimator import INNOVATION, LOOP, MASS_RATIO, RIGID_PART, Estimate
 from quadpend_baselines.estimation.loop import compensate
-from quadpend_baselines.hybrid.hybrids import _DECAY, _MAGNIFICATION, _TILT, _TORQUE
-from quadpend_baselines.hybrid.hybrids import BandwidthScheduling, EstimateOnly, Hybrid, ResidualAction
+from quadpend_baselines.hybrid.hybrids import (
+    _DECAY,
+    _MAGNIFICATION,
+    _TILT,
+    _TORQUE,
+    EstimateOnly,
+    Hybrid,
+    ResidualAction,
+)
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares
-from quadpend_baselines.modelling.quantities import load_reference, load_state
+from quadpend_baselines.modelling.quantities import store_vectors
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import columns, lift, vector
 from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE, THRUST, TORQUE
-from quadpend_gym.physics.vectors import Four, Vec3
+from quadpend_gym.physics.vectors import Four
 from quadpend_gym.tasks.observation import (
     OBSERVATION_FIELDS,
     OBSERVATION_SCALE,
     OBSERVATION_SIZE,
     OUTPUT_FEEDBACK_COLUMNS,
+    OUTPUT_FEEDBACK_SIZE,
     REFERENCE_START,
 )
 from quadpend_gym.vehicles import CONTROL_PERIOD
@@ -81,28 +86,14 @@ def _row(value: Any) -> Any:
     return columns(value).T
 
 
-def _measured_state(measured: Any) -> Any:
-    state = np.zeros((STATE_SIZE, 1), object)
-    state[[0, 1, 2, 6, 7, 8, 12, 13, 14]] = columns(measured)
-    return lift(load_state)(state, 0, 0)
-
-
-def _reference(reference: Any) -> Any:
-    return lift(load_reference)(columns(reference), 0, 0)
-
-
-def _measure(position: Any, quaternion: Any, direction: Any, derivatives: Any, yaw: Any) -> dict[str, Any]:
+def _observe(position: Any, quaternion: Any, direction: Any, derivatives: Any, yaw: Any, length: float) -> Any:
+    """Return the observation without rates, shape (27,)."""
     rotation = lift(rotation_matrix)(lift(normalised)(Quaternion(*ca.vertsplit(quaternion))))
     euler = lift(euler_from_rotation)(rotation, yaw[0])  # within half a turn of the reference
-    measured = ca.vertcat(position - derivatives[:3], *euler, direction)
-    return {"measured": measured, "reference": ca.vertcat(derivatives[6:], yaw)}
-
-
-def _observed(measured: Any, reference: Any, length: float) -> Any:
-    """Return the observation without rates, shape (27,)."""
-    error = ca.vertcat(measured[:2] + length * measured[6:8], measured[2])
-    attitude = ca.vertcat(measured[3:5], measured[5] - reference[15])
-    return ca.vertcat(error, measured[6:9], attitude, reference) / OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS]
+    error = position - derivatives[:3] + ca.vertcat(length * direction[:2], 0.0)
+    attitude = ca.vertcat(euler.x, euler.y, euler.z - yaw[0])
+    observed = ca.vertcat(error, direction, attitude, derivatives[6:], yaw)
+    return observed / OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS]
 
 
 def _plant(simulation: Simulation) -> Any:
@@ -116,7 +107,12 @@ def program(policy: Any, simulation: Simulation) -> Program:
     Raises:
         ValueError: The policy has a part that is not read.
     """
-    measure = _function("measure", _measure, position=3, quaternion=4, direction=3, derivatives=21, yaw=3)
+    length = simulation.parameters.rod_length
+    observe = _function(
+        "observe",
+        lambda **given: {"observed": _observe(**given, length=length)},
+        **{"position": 3, "quaternion": 4, "direction": 3, "derivatives": 21, "yaw": 3},
+    )
     if isinstance(policy, ADRC):
         found = _adrc(policy)
     elif isinstance(policy, OutputFeedback):
@@ -127,7 +123,7 @@ def program(policy: Any, simulation: Simulation) -> Program:
         found = _with_hybrid(_observer(policy.hybrid.controller), policy.hybrid)
     else:
         raise ValueError("networks that read the observers of ADRC are not written as C")
-    return found._replace(functions={"measure": measure, **found.functions})
+    return found._replace(functions={"observe": observe, **found.functions})
 
 
 def _parts(prediction: Any, size: int, replaced: Any = None) -> tuple[dict[str, Any], list[str]]:
@@ -165,22 +161,30 @@ def _observer(base: OutputFeedback) -> Program:
     pendulum = loop.plant.pendulum
     functions, names = _parts(found.prediction, size)
 
-    def begin(measured: Any, reference: Any) -> dict[str, Any]:
+    def measured(observed: Any) -> tuple[Any, bool, Any]:
+        state, reference = lift(estimator.measure)(columns(observed), 0, False, pendulum.vehicle.rod_length)
+        return state, False, reference
+
+    def begin(observed: Any) -> dict[str, Any]:
         memory = np.zeros((size, 1), object)
-        start = memory, 0, _measured_state(measured), False, _reference(reference)
-        lift(estimator.begin)(*start, pendulum, rigid)
+        lift(estimator.begin)(memory, 0, *measured(observed), pendulum, rigid)
         return {"memory": vector(memory)}
 
-    def correct(memory: Any, measured: Any, reference: Any, gain: Any) -> dict[str, Any]:
+    def correct(memory: Any, observed: Any, gain: Any) -> dict[str, Any]:
         given, after, buffer = np.zeros((24, 16), object), columns(memory), np.empty((24, 1), object)
         given[:, MEASURED] = columns(gain).reshape(24, MEASURED.size)
-        seen = after, 0, _measured_state(measured), False, _reference(reference)
-        lift(estimator.correct)(*seen, given, share, pendulum.vehicle, rigid, buffer)
+        lift(estimator.correct)(after, 0, *measured(observed), given, share, pendulum.vehicle, rigid, buffer)
         return {"next": vector(after)}
 
-    sizes = {"measured": 9, "reference": 18}
-    functions["begin"] = _function("begin", begin, **sizes)
-    functions["correct"] = _function("correct", correct, memory=size, **sizes, gain=24 * MEASURED.size)
+    def miss(memory: Any, observed: Any) -> dict[str, Any]:
+        after = columns(memory)
+        lift(store_vectors)(after, estimator.REFERENCE, 0, measured(observed)[2])
+        return {"next": vector(after)}
+
+    functions["begin"] = _function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)
+    functions["miss"] = _function("miss", miss, memory=size, observed=OUTPUT_FEEDBACK_SIZE)
+    sizes = {"memory": size, "observed": OUTPUT_FEEDBACK_SIZE, "gain": 24 * MEASURED.size}
+    functions["correct"] = _function("correct", correct, **sizes)
     return Program(functions, names, size, 0, size, STATE_SIZE, estimator._MAX_ESTIMATE)
 
 
@@ -190,7 +194,8 @@ def _control(base: OutputFeedback, later: Any, law_memory: Any, **options: Any) 
     _arrive(after, lift(estimator.unpack_loop)(prediction.numbers[0]))
     ratio, nominal, plant = after[MASS_RATIO, 0], Estimate(after.T.copy()), _plant(base.simulation)
     if base.gains.estimator.mass_time:
-        nominal.disturbance[:, :TORQUE] /= ratio
+        forces = nominal.disturbance[0, :TORQUE]
+        forces[:] = [force / ratio for force in forces]
     memory = _row(law_memory) if isinstance(law, Lqr) else ()
     command, memory = lift(type(law).command, {plant_of: _plant})(law, nominal, memory, **options)
     if isinstance(law, Lqg):
@@ -282,23 +287,23 @@ def _with_hybrid(observer: Program, hybrid: Hybrid) -> Program:
 
 def _differences(simulation: Simulation) -> Program:
     """Return the control step of a network whose rates are finite differences, see `policies.finite_differences`."""
-    length, size = simulation.parameters.rod_length, 9 + OBSERVATION_SIZE
+    size = 9 + OBSERVATION_SIZE
 
-    def memory_of(observed: Any, reference: Any, last: Any) -> Any:
+    def memory_of(observed: Any, last: Any) -> Any:
         outputs = observed[:9] * OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS[:9]]
         rates = (outputs - (outputs if last is None else last)) / simulation.period
-        rates[8] += reference[16]
+        rates[8] += observed[-2] * OBSERVATION_SCALE[-2]
         full = ca.SX.zeros(OBSERVATION_SIZE)
         full[OUTPUT_FEEDBACK_COLUMNS.tolist()] = observed
         hidden = np.setdiff1d(np.arange(REFERENCE_START), OUTPUT_FEEDBACK_COLUMNS)
         full[hidden.tolist()] = rates / OBSERVATION_SCALE[hidden]
         return ca.vertcat(outputs, full)
 
-    def begin(measured: Any, reference: Any) -> dict[str, Any]:
-        return {"memory": memory_of(_observed(measured, reference, length), reference, None)}
+    def begin(observed: Any) -> dict[str, Any]:
+        return {"memory": memory_of(observed, None)}
 
-    def correct(memory: Any, measured: Any, reference: Any) -> dict[str, Any]:
-        return {"next": memory_of(_observed(measured, reference, length), reference, memory[:9])}
+    def correct(memory: Any, observed: Any) -> dict[str, Any]:
+        return {"next": memory_of(observed, memory[:9])}
 
     def inputs(memory: Any, later: Any, extra: Any) -> dict[str, Any]:
         return {"seen": memory[9:], "next_extra": extra}
@@ -306,10 +311,10 @@ def _differences(simulation: Simulation) -> Program:
     def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
         return {"action": output, "next_extra": extra}
 
-    sizes, seen = {"measured": 9, "reference": 18}, {"memory": size, "later": size, "extra": 1}
+    seen = {"memory": size, "later": size, "extra": 1}
     functions = {
-        "begin": _function("begin", begin, **sizes),
-        "correct": _function("correct", correct, memory=size, **sizes),
+        "begin": _function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE),
+        "correct": _function("correct", correct, memory=size, observed=OUTPUT_FEEDBACK_SIZE),
         "inputs": _function("inputs", inputs, **seen),
         "law": _function("law", law, **seen, output=ACTION_SIZE),
     }
@@ -339,22 +344,20 @@ def _adrc(policy: ADRC) -> Program:
         command = lift(adrc._commands, replaced)((before, [started]), observed, *numbers, out, after)
         return vector(out), cut[0] if cut else vector(after) if size else None, after, command
 
-    def observe(memory: Any, measured: Any, reference: Any, started: bool) -> Any:
-        out = _row(memory)
-        observed = _row(_observed(measured, reference, policy.simulation.parameters.rod_length))
-        kernel = lift(adrc._observe, {estimator.is_bounded: lambda *_: True})
-        kernel((_row(memory), [started]), observed, bank, *numbers, out)
+    def observe(memory: Any, observed: Any, started: bool) -> Any:
+        out, kernel = _row(memory), lift(adrc._observe, {estimator.is_bounded: lambda *_: True})
+        kernel((_row(memory), [started]), _row(observed), bank, *numbers, out)
         return vector(out)
 
-    def begin(measured: Any, reference: Any) -> dict[str, Any]:
-        memory = observe(ca.SX.zeros(total), measured, reference, True)
+    def begin(observed: Any) -> dict[str, Any]:
+        memory = observe(ca.SX.zeros(total), observed, True)
         if size:
-            memory, now, _, _ = commands(memory, started=True)
+            memory, _, _, _ = commands(memory, started=True)
             memory = ca.vertcat(memory[:first], memory[adrc.PLANT : first])
         return {"memory": memory}
 
-    def correct(memory: Any, measured: Any, reference: Any) -> dict[str, Any]:
-        return {"next": observe(memory, measured, reference, False)}
+    def correct(memory: Any, observed: Any) -> dict[str, Any]:
+        return {"next": observe(memory, observed, False)}
 
     def prepare(memory: Any) -> dict[str, Any]:
         after, later, _, _ = commands(memory)
@@ -389,10 +392,9 @@ def _adrc(policy: ADRC) -> Program:
         command = vector(plant_of(policy.simulation).command(_row(action)))
         return {"next": ca.vertcat(memory[: adrc.COMMAND], command, action, memory[adrc.OBSERVED :])}
 
-    sizes = {"measured": 9, "reference": 18}
     made = {
-        "begin": _function("begin", begin, **sizes),
-        "correct": _function("correct", correct, memory=total, **sizes),
+        "begin": _function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE),
+        "correct": _function("correct", correct, memory=total, observed=OUTPUT_FEEDBACK_SIZE),
         "law": _function("law", law, memory=total, later=size or total, extra=1, output=ACTION_SIZE),
     }
     if not size:

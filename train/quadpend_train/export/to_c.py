@@ -188,7 +188,7 @@ def _network(policy: MlpPolicy) -> tuple[dict[str, Any], str, str]:
         "finish": ca.Function("finish", [y], [out], ["last"], ["output"]),
     }
     lines = [f"real x[INPUTS], layer_0[{len(layers[0][0])}];"]
-    lines += ["for (int i = 0; i < INPUTS; ++i) x[i] = (real)(float)inputs[i]; /* single precision, as in training */"]
+    lines += ["for (int i = 0; i < INPUTS; ++i) x[i] = (real)(float)inputs[i];"]
     lines += ["features(x, layer_0);"]
     tables = f"#define INPUTS {count}\n"
     for i, (weights, biases) in enumerate(layers):
