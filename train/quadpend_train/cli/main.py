@@ -31,7 +31,10 @@ COMMANDS = {
     ),
     "watch": ("watch.watch", "Show policies side by side in the same episode, in a window or in a file."),
     "card": ("cards.card", "Describe a policy: what it observes, how it was trained, and how good it is."),
-    "export": ("training.export", "Convert a model to a policy file, which executes no code when loaded."),
+    "export": (
+        "training.export",
+        "Convert a policy to a policy file, which executes no code when loaded, to C or to ONNX.",
+    ),
     "reproduce": (
         "training.reproduce",
         "Train a learned policy again from its card, and report whether the weights are the same.",

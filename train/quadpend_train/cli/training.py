@@ -1,12 +1,13 @@
 """The commands about learned policies: `train`, `export` and `reproduce`."""
 
 import json
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -134,27 +135,53 @@ def train(
 
 
 def export(
-    model: tyro.conf.Positional[Path],
+    model: tyro.conf.Positional[str],
+    to: Literal["npz", "c", "onnx"] = "npz",
     out: Path | None = None,
     vec_normalize: Path | None = None,
+    scenario: str = "flight_breeze",
 ) -> None:
-    """Convert a model to a policy file, which executes no code when loaded.
+    """Convert a policy to a policy file (npz), which executes no code when loaded, to C or to ONNX.
 
-    Loading the model executes code that it contains: export only files that you trust.
+    Loading a model (.zip) executes code that it contains: export only files that you trust.
 
     Args:
-        model: File (.zip) saved by an algorithm with a feedforward network, such as PPO, A2C, SAC, TQC or TD3.
-        out: Policy file; the default is the path of the model with the suffix .npz.
+        model: A policy; for npz a file (.zip) saved by an algorithm with a feedforward network, such as PPO or SAC.
+        to: npz; c for microcontrollers, with the observer and golden vectors; or onnx for the network alone.
+        out: File to write; the default has the name of the policy.
+        scenario: Scenario for whose vehicle, interface, control period and latency C is written.
         vec_normalize: File (.pkl) saved by VecNormalize, if the model was trained with it. The default is a file
             vecnormalize.pkl beside the model. Loading it executes code that it contains.
     """
-    from quadpend_train.policies.export import export_zip
+    from quadpend_train.policies.loading import load_policy
 
-    path = out or model.with_suffix(".npz")
+    stem = Path(model).with_suffix("") if Path(model).suffix in (".zip", ".npz") else Path(Path(model).name)
+    path = out or stem.with_suffix(".npz")
+    if to == "c":
+        path = out or stem.with_name(f"{re.sub('[^A-Za-z0-9]+', '_', stem.name)}.c")
+    elif to == "onnx":
+        path = out or stem.with_suffix(".onnx")
     if path.exists():
         raise FileExistsError(f"{path} exists already: choose another file with --out")
-    export_zip(model, vec_normalize, source=model.name).save(path)
-    print(f"Written: {path}")
+    if to != "npz" and vec_normalize is not None:
+        raise ValueError("--vec-normalize is for npz: export the model to npz first, and then the policy file")
+    files = [path]
+    if to == "c":
+        from quadpend_train.export.to_c import export_c
+
+        chosen = named_scenarios([scenario])
+        if len(chosen) != 1:
+            raise ValueError(f"--scenario must be one scenario, not {len(chosen)}: {', '.join(chosen)}")
+        files = export_c(load_policy(model), stem.name, next(iter(chosen.values())), path)
+    elif to == "onnx":
+        from quadpend_train.export.to_onnx import export_onnx
+
+        export_onnx(load_policy(model), path)
+    else:
+        from quadpend_train.policies.export import export_zip
+
+        export_zip(Path(model), vec_normalize, source=Path(model).name).save(path)
+    print("Written:", *files)
 
 
 def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduced")) -> None:

@@ -7,9 +7,9 @@
 
 #ifndef TOLERANCE
 #ifdef QUADPEND_DOUBLE
-#define TOLERANCE 1e-10
+#define TOLERANCE @tolerance_double@
 #else
-#define TOLERANCE 1e-4
+#define TOLERANCE @tolerance@
 #endif
 #endif
 
@@ -45,6 +45,9 @@ int main(void) {
       real found = i == 0 ? command.thrust : command.@turning@[i - 1], error = (found - expected[i]) / range[i];
       if (!(error <= worst && -error <= worst)) worst = error < 0 ? -error : error;
     }
+    command.thrust = expected[0];
+    copy(3, expected + 1, command.@turning@);
+    @name@_applied(&policy, &command); /* rounding must not grow over the steps */
   }
   printf("%s: largest error %.2g of the range of the command\n", worst <= TOLERANCE ? "passed" : "failed", (double)worst);
   return !(worst <= TOLERANCE);

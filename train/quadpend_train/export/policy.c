@@ -32,6 +32,13 @@ static int is_bounded(int count, const real *x, real limit) {
   return 1;
 }
 
+/* In the environment, observations and actions have single precision. */
+static real single(real x) { return (real)(float)x; }
+
+static void limit(real *action) {
+  for (int i = 0; i < 4; ++i) action[i] = single(q_min(q_max(action[i], R(-1)), R(1)));
+}
+
 #if PARTS > 0
 static void predict(real *estimate, const real *action, int first, int end) {
   static void (*const advance[PARTS])(const real *, const real *, real *) = {@advances@};
@@ -66,8 +73,7 @@ static void act(@name@_policy *policy, int is_sample) {
   real *memory = policy->memory, *action = policy->action;
   observe(sample->position, sample->quaternion, sample->direction, policy->target.derivatives[0], policy->target.yaw,
           observed);
-  /* In the environment, observations and actions have single precision. */
-  for (int i = 0; i < 27; ++i) observed[i] = (real)(float)observed[i];
+  for (int i = 0; i < 27; ++i) observed[i] = single(observed[i]);
   if (!policy->running) {
     begin(observed, memory);
     for (int i = 0; i < 4; ++i) action[i] = 0;
@@ -85,6 +91,17 @@ static void act(@name@_policy *policy, int is_sample) {
     if (policy->age < (int)sizeof gain_rows - 1) ++policy->age;
 #else
     (void)is_sample;
+#if ADRC
+#if ESTIMATE
+    real plant[ESTIMATE];
+    begin_following(memory, plant);
+    predict(plant, action, 0, 1);
+    apply(memory, action, plant, next);
+#else
+    apply(memory, action, next);
+#endif
+    copy(MEMORY, next, memory);
+#endif
     correct(memory, observed, next);
 #endif
     copy(MEMORY, next, memory);
@@ -110,18 +127,13 @@ static void act(@name@_policy *policy, int is_sample) {
 #endif
   law(memory, later, policy->extra, policy->output, action, extra);
   copy(EXTRA, extra, policy->extra);
-  for (int i = 0; i < 4; ++i) action[i] = (real)(float)q_min(q_max(action[i], R(-1)), R(1));
-#if ADRC
-#if ESTIMATE
-  real plant[ESTIMATE];
-  begin_following(memory, plant);
-  predict(plant, action, 0, 1);
-  apply(memory, action, plant, next);
-#else
-  apply(memory, action, next);
-#endif
-  copy(MEMORY, next, memory);
-#endif
+  limit(action);
+}
+
+void @name@_applied(@name@_policy *policy, const @name@_command *command) {
+  policy->action[0] = command->thrust / SCALE[0] - 1;
+  for (int i = 0; i < 3; ++i) policy->action[1 + i] = command->@turning@[i] / SCALE[1 + i];
+  limit(policy->action);
 }
 
 void @name@_step(@name@_policy *policy, const @name@_measurement *measurement, const @name@_reference *reference,

@@ -58,4 +58,7 @@ void @name@_reset(@name@_policy *policy);
 void @name@_step(@name@_policy *policy, const @name@_measurement *measurement, const @name@_reference *reference,
                  @name@_command *command);
 
+/* Call this after a step if another command acts than the one of the step. */
+void @name@_applied(@name@_policy *policy, const @name@_command *command);
+
 #endif

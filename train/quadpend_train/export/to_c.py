@@ -101,6 +101,8 @@ def export_c(policy: Policy, name: str, scenario: Scenario, out: Path) -> list[P
         "advances": ", ".join(found.parts),
         "layers": layers,
         "steps": _STEPS,
+        "tolerance": "1e-2" if isinstance(inner, ADRC) and _is_fast(inner) else "1e-4",
+        "tolerance_double": "1e-6" if is_network and inner.hybrid and inner.hybrid.kind != "estimate_only" else "1e-10",
         "vectors": _vectors(adapted, scenario),
         "ranges": _numbers(2.0 * scale),
     }
@@ -134,6 +136,11 @@ def _adapted(policy: Policy, name: str, scenario: Scenario) -> Any:
         thinned = tuple(table[_gain_rows(len(table))] for table in observer._tables)
         observer.__dict__["_tables"] = thinned
     return adapted
+
+
+def _is_fast(policy: ADRC) -> bool:
+    """Return whether the observers amplify the rounding of the measurement."""
+    return max(gains.bandwidth for _, gains in policy.observers) * policy.simulation.period > 1.0
 
 
 def _observer(policy: Any) -> Any:
@@ -188,7 +195,7 @@ def _network(policy: MlpPolicy) -> tuple[dict[str, Any], str, str]:
         "finish": ca.Function("finish", [y], [out], ["last"], ["output"]),
     }
     lines = [f"real x[INPUTS], layer_0[{len(layers[0][0])}];"]
-    lines += ["for (int i = 0; i < INPUTS; ++i) x[i] = (real)(float)inputs[i];"]
+    lines += ["for (int i = 0; i < INPUTS; ++i) x[i] = single(inputs[i]);"]
     lines += ["features(x, layer_0);"]
     tables = f"#define INPUTS {count}\n"
     for i, (weights, biases) in enumerate(layers):

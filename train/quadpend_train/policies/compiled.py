@@ -20,6 +20,7 @@ from quadpend_gym.physics.state import State
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
 
+C_PREFIX = "c:"  # of the names of these policies
 SAMPLE_SIZE = 34  # position, quaternion and direction; seven derivatives of the reference, and the yaw reference
 _ROWS = """
 int memory_size(void) {{ return (int)sizeof({name}_policy); }}
@@ -33,6 +34,11 @@ void rows(int count, char *memory, const char *started, const {name}_real *sampl
   }}
 }}
 """
+
+
+def is_c(name: str) -> bool:
+    """Return whether a name is that of a C file, such as ``"c:policy.c"``."""
+    return name.startswith(C_PREFIX) and name.endswith(".c")
 
 
 def samples_of(observation: Floats32, rod_length: float) -> Floats:

@@ -11,6 +11,7 @@ from quadpend_baselines import CONTROLLERS, Policy, controller
 from quadpend_gym.core.factories import describe_error, is_factory
 from quadpend_gym.core.settings import suggest
 from quadpend_gym.scenarios import Scenario
+from quadpend_train.policies.compiled import C_PREFIX, CPolicy, is_c
 from quadpend_train.policies.conversion import PROTOCOL, FactoryPolicy, ObjectPolicy, policy_from_model
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.policies.normalization import statistics_file
@@ -46,15 +47,21 @@ def load_policy(name: str) -> Policy:
 
             - the name of a classical controller, a key of `quadpend_baselines.CONTROLLERS`;
             - the name of a learned policy of this package, with its seed (``"ppo-gain-scheduling-0"``);
+            - ``"c:policy.c"``, a C file of ``quadpend export``, see `quadpend_train.policies.compiled`. It is compiled
+              and executed;
             - ``"module:factory"``, see `quadpend_train.policies.conversion`;
             - the path of a run folder or of a policy file (.npz);
             - the path of a model (.zip) saved by Stable-Baselines3 or a library with the same interface, or of a run
               folder of RL Baselines3 Zoo. Loading a model, or the statistics of `VecNormalize` beside it, executes code
               that is in the file: load only files whose source you trust.
     """
+    policy: Policy
+    if is_c(name):
+        policy = CPolicy(name.removeprefix(C_PREFIX))
+        policy.fingerprint = hashlib.sha256(policy.source.encode()).hexdigest()
+        return policy
     if is_factory(name):
         return FactoryPolicy(name)
-    policy: Policy
     if name in CONTROLLERS:
         policy = controller(name)
     elif (path := policy_file(name)).suffix == ".zip":

@@ -1,0 +1,96 @@
+"""Policies as C on an emulated STM32F405 (Cortex-M4F), the table of docs/deploy.md.
+
+It needs gcc and, for the chip, Debian's gcc-arm-none-eabi and qemu-system-arm.
+"""
+
+import argparse
+import re
+import subprocess
+import tempfile
+from pathlib import Path
+from shutil import which
+from typing import Any, NamedTuple
+
+from experiments.pages import DOCS, fill
+from quadpend_gym.scenarios import find_scenarios
+from quadpend_train.export.to_c import export_c
+from quadpend_train.policies.loading import load_policy
+
+POLICIES = {
+    "flight_breeze": ("lqg", "lqr", "lqi", "flatness", "dual-mode", "adrc-paper", "ppo-hummingbird-0"),
+    "windy": ("apg-0", "ppo-gain-scheduling-0", "adrc-paper"),
+}
+_CHIP = Path(__file__).parent / "chip"
+MISSING = [name for name in ("arm-none-eabi-gcc", "qemu-system-arm") if which(name) is None]
+WARNINGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
+_CPU = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
+_QEMU = ("qemu-system-arm", "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "none")
+_QEMU_TIME = ("-semihosting-config", "enable=on,target=native", "-icount", "shift=0")  # an instruction takes 1 ns
+_CLOCK, _PERIOD = 168e6, 0.01  # Hz, of chip and timer; s
+
+
+class OnChip(NamedTuple):
+    """A policy on the chip."""
+
+    output: str  # of the check of its golden vectors
+    flash: int  # bytes of code and tables, without golden vectors and libm
+    ram: int  # bytes of the stack, on which the memory of the flight is, with those of the check
+    instructions: int  # of the longest step
+
+
+def check(source: Path, *flags: str) -> str:
+    """Build a C file with its golden vectors for this computer with all warnings as errors, and run it."""
+    program, vectors = source.with_suffix(".out"), source.with_name(f"{source.stem}_check.c")
+    subprocess.run(["cc", *WARNINGS, *flags, source, vectors, "-lm", "-o", program], check=True)
+    return subprocess.run([program], capture_output=True, text=True, check=False).stdout.strip()
+
+
+def run_on_chip(source: Path, *flags: str) -> OnChip:
+    """Build a C file with its golden vectors for the chip, run it, and measure it."""
+    library, program, step = source.with_suffix(".o"), source.with_suffix(".elf"), f"{source.stem}_step"
+    compiler, vectors = "arm-none-eabi-gcc", source.with_name(f"{source.stem}_check.c")
+    own = (*WARNINGS, "-Wdouble-promotion", "-fno-math-errno")
+    subprocess.run([compiler, *_CPU, *own, *flags, "-c", source, "-o", library], check=True)
+    link = ("-nostartfiles", "--specs=rdimon.specs", "-Wl,--gc-sections", f"-Wl,--wrap={step}", "-T")
+    parts = (f"-DSTEP={step}", library, vectors, _CHIP / "start.c", "-lm", "-o", program)
+    subprocess.run([compiler, *_CPU, "-O2", *flags, *link, _CHIP / "stm32f405.ld", *parts], check=True)
+    sizes = subprocess.run(["arm-none-eabi-size", library], capture_output=True, text=True, check=True).stdout
+    ran = subprocess.run(
+        [*_QEMU, *_QEMU_TIME, "-kernel", program], capture_output=True, text=True, timeout=300, check=False
+    )
+    found = re.fullmatch(r"(.*)\nticks (\d+) stack (\d+)\s*", ran.stdout)
+    if found is None:
+        raise RuntimeError(f"the program on the chip ended with {ran.returncode}: {ran.stdout}{ran.stderr}")
+    flash = sum(map(int, sizes.splitlines()[1].split()[:2]))
+    return OnChip(found[1], flash, int(found[3]), round(int(found[2]) / _CLOCK * 1e9))
+
+
+def row(name: str, scenario: str, folder: Path) -> str:
+    """Return the row of a policy, whose files are written into a folder."""
+    source = folder / f"{re.sub('[^a-z0-9]', '_', name)}_{scenario}.c"
+    export_c(load_policy(name), name, find_scenarios([scenario])[scenario], source)
+    errors = [check(source, *flags) for flags in ((), ("-DQUADPEND_DOUBLE",))]
+    chip = run_on_chip(source)
+    if not all(text.startswith("passed") for text in (*errors, chip.output)):
+        raise RuntimeError(f"{name}: golden vectors: {errors}, on the chip {chip.output}")
+    cells: list[Any] = [f"`{name}`", f"`{scenario}`", *(_error(text) for text in (errors[1], errors[0], chip.output))]
+    share = chip.instructions / (_CLOCK * _PERIOD)
+    cells += [f"{chip.flash / 1e3:.0f}", f"{chip.ram / 1e3:.1f}", f"{chip.instructions:,}", f"{share:.1%}"]
+    return f"| {' | '.join(cells)} |"
+
+
+def _error(text: str) -> str:
+    return str(re.findall(r"error (\S+)", text)[0])
+
+
+def main() -> None:
+    """Measure all policies, and write the table."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
+    head = "| policy | scenario | error, double | error, float | on the chip | flash, kB | RAM, kB | instructions | of 10 ms |"
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [row(name, scenario, Path(folder)) for scenario, names in POLICIES.items() for name in names]
+    fill(DOCS / "deploy.md", {"chip": "\n".join([head, "| --- " * head.count(" | ") + "| --- |", *rows])})
+
+
+if __name__ == "__main__":
+    main()
