@@ -7,9 +7,10 @@ import argparse
 import re
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from shutil import which
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from experiments.pages import DOCS, fill
 from quadpend_gym.scenarios import find_scenarios
@@ -36,6 +37,7 @@ class OnChip(NamedTuple):
     flash: int  # bytes of code and tables, without golden vectors and libm
     ram: int  # bytes of the stack, on which the memory of the flight is, with those of the check
     instructions: int  # of the longest step
+    errors: Sequence[str] = ()  # of golden vectors: here in double and in single precision, and on the chip
 
 
 def check(source: Path, *flags: str) -> str:
@@ -65,18 +67,27 @@ def run_on_chip(source: Path, *flags: str) -> OnChip:
     return OnChip(found[1], flash, int(found[3]), round(int(found[2]) / _CLOCK * 1e9))
 
 
-def row(name: str, scenario: str, folder: Path) -> str:
-    """Return the row of a policy, whose files are written into a folder."""
+def measure(name: str, scenario: str, folder: Path) -> OnChip:
+    """Return a policy on the chip after its golden vectors have passed; its files are written into a folder.
+
+    Raises:
+        RuntimeError: They do not pass, here or there.
+    """
     source = folder / f"{re.sub('[^a-z0-9]', '_', name)}_{scenario}.c"
     export_c(load_policy(name), name, find_scenarios([scenario])[scenario], source)
-    errors = [check(source, *flags) for flags in ((), ("-DQUADPEND_DOUBLE",))]
+    errors = [check(source, *flags) for flags in (("-DQUADPEND_DOUBLE",), ())]
     chip = run_on_chip(source)
     if not all(text.startswith("passed") for text in (*errors, chip.output)):
         raise RuntimeError(f"{name}: golden vectors: {errors}, on the chip {chip.output}")
-    cells: list[Any] = [f"`{name}`", f"`{scenario}`", *(_error(text) for text in (errors[1], errors[0], chip.output))]
+    return chip._replace(errors=[_error(text) for text in (*errors, chip.output)])
+
+
+def row(name: str, scenario: str, folder: Path) -> str:
+    """Return the row of a policy."""
+    chip = measure(name, scenario, folder)
     share = chip.instructions / (_CLOCK * _PERIOD)
-    cells += [f"{chip.flash / 1e3:.0f}", f"{chip.ram / 1e3:.1f}", f"{chip.instructions:,}", f"{share:.1%}"]
-    return f"| {' | '.join(cells)} |"
+    cells = [f"`{name}`", f"`{scenario}`", *chip.errors, f"{chip.flash / 1e3:.0f}", f"{chip.ram / 1e3:.1f}"]
+    return f"| {' | '.join([*cells, f'{chip.instructions:,}', f'{share:.1%}'])} |"
 
 
 def _error(text: str) -> str:
@@ -86,7 +97,8 @@ def _error(text: str) -> str:
 def main() -> None:
     """Measure all policies, and write the table."""
     argparse.ArgumentParser(description=__doc__).parse_args()
-    head = "| policy | scenario | error, double | error, float | on the chip | flash, kB | RAM, kB | instructions | of 10 ms |"
+    columns = ("policy", "scenario", "error, double", "float", "on the chip", "flash, kB", "RAM, kB", "instructions")
+    head = f"| {' | '.join((*columns, 'of 10 ms'))} |"
     with tempfile.TemporaryDirectory() as folder:
         rows = [row(name, scenario, Path(folder)) for scenario, names in POLICIES.items() for name in names]
     fill(DOCS / "deploy.md", {"chip": "\n".join([head, "| --- " * head.count(" | ") + "| --- |", *rows])})

@@ -1,0 +1,113 @@
+"""Policies as C: they command what the Python policy commands, fly like it, and bear any input."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from shutil import which
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.scenarios import Scenario, find_scenarios
+from quadpend_train import run_episodes
+from quadpend_train.policies.compiled import SAMPLE_SIZE, CPolicy
+from quadpend_train.policies.loading import load_policy
+
+pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
+if which("cc") is None:
+    pytest.skip("there is no C compiler", allow_module_level=True)
+
+from experiments.deploy import check
+from quadpend_train.export.to_c import export_c
+
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+DOUBLE, NO_LIBM = "-DQUADPEND_DOUBLE", "-DQUADPEND_NO_LIBM"
+
+
+def scenario(name: str, **parts: Any) -> Scenario:
+    """A scenario without measured velocities."""
+    return replace(find_scenarios([name])[name], output_feedback=True, **parts)
+
+
+BREEZE = scenario("flight_breeze")
+
+
+@pytest.fixture(scope="module", params=["lqg", "ppo-hummingbird-0"])
+def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    source = tmp_path_factory.mktemp("c") / "policy.c"
+    export_c(load_policy(request.param), request.param, BREEZE, source)
+    return source
+
+
+@pytest.mark.parametrize("flags", [(), (DOUBLE, NO_LIBM, *SANITIZERS)], ids=["float", "double"])
+def test_golden_vectors_pass_without_warnings(exported: Path, flags: tuple[str, ...]) -> None:
+    assert check(exported, *flags).startswith("passed")
+
+
+def vectors(source: Path) -> Floats:
+    """The golden vectors, shape (100, 38)."""
+    text = source.with_name(f"{source.stem}_check.c").read_text()
+    table = text[text.index("vectors[") : text.index("range[4]")]
+    return np.array([float(x) for x in re.findall(r"R\(([^()]+)\)", table)[1:]]).reshape(-1, SAMPLE_SIZE + 4)
+
+
+def test_no_input_leads_out_of_the_range_of_the_command(exported: Path) -> None:
+    policy, rng, memory = CPolicy(exported).adapt(BREEZE), np.random.default_rng(0), None
+    for _ in range(300):
+        samples = rng.normal(size=(50, SAMPLE_SIZE)) * 10.0 ** rng.integers(-3, 20, size=(50, 1))
+        samples[rng.random(samples.shape) < 0.02] = rng.choice([np.nan, np.inf, -np.inf])
+        command, memory = policy.command(samples, memory)
+        action = command / policy.scale - [1.0, 0.0, 0.0, 0.0]
+        assert (np.abs(action) <= 1.0 + 1e-6).all()
+
+
+def test_a_kalman_observer_predicts_through_missing_samples(exported: Path) -> None:
+    seen = vectors(exported)[:, :SAMPLE_SIZE]
+    policy, memory, commands = CPolicy(exported).adapt(BREEZE), None, []
+    for step, sample in enumerate(seen):
+        rows = np.stack([sample, sample])
+        rows[1, :10] = np.nan if 60 <= step < 70 else rows[1, :10]
+        command, memory = policy.command(rows, memory)
+        commands.append(command)
+    change = np.abs(np.diff(np.array(commands), axis=1) / (2.0 * policy.scale))[60:70]
+    assert change.max() > 0.0
+    if "KALMAN 1" in exported.read_text():
+        assert change.max() < 0.1
+
+
+def test_a_compiled_policy_flies_like_the_python_one(exported: Path, request: pytest.FixtureRequest) -> None:
+    flown = replace(BREEZE, duration=4.0)
+    name = "lqg" if "KALMAN 1" in exported.read_text() else "ppo-hummingbird-0"
+    ours, theirs = (
+        run_episodes([policy], flown, episodes=3, seed=1_000_000)
+        for policy in (load_policy(name), load_policy(f"c:{exported}"))
+    )
+    assert (ours.survived == theirs.survived).all()
+    both = ours.survived.ravel()
+    errors = [result.penalised_rmse.ravel()[both].mean() for result in (ours, theirs)]
+    assert errors[1] == pytest.approx(errors[0], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "parts", "message"),
+    [
+        ("ppo-swing-up-0", {"interface": "wrench", "vehicle": "paper"}, "only policies that balance an upright"),
+        ("ppo-load-0", {"interface": "wrench", "vehicle": "paper"}, "only policies that balance an upright"),
+        ("mppi", {}, "mppi cannot be written as C"),
+        ("lqg", {"interface": "rotors"}, "another --scenario without rotors"),
+        ("lqg", {"sensors": {"kind": "delay"}}, "predict no delay of sensors"),
+    ],
+)
+def test_what_cannot_be_written_is_refused(name: str, parts: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=message):
+        export_c(load_policy(name), name, scenario("flight_breeze", **parts), tmp_path / "policy.c")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_is_for_one_period_and_interface(exported: Path) -> None:
+    with pytest.raises(ValueError, match="was written for the interface body_rates, not wrench"):
+        load_policy(f"c:{exported}").adapt(scenario("windy"))
+    with pytest.raises(ValueError, match="there must be a C file"):
+        load_policy("c:none.c")
