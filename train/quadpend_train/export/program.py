@@ -33,7 +33,6 @@ from quadpend_baselines.hybrid.hybrids import (
     _TILT,
     _TORQUE,
     EstimateOnly,
-    Hybrid,
     ResidualAction,
 )
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares
@@ -113,14 +112,15 @@ def program(policy: Any, simulation: Simulation) -> Program:
         lambda **given: {"observed": _observe(**given, length=length)},
         **{"position": 3, "quaternion": 4, "direction": 3, "derivatives": 21, "yaw": 3},
     )
+    hybrid = policy.hybrid if isinstance(policy, MlpPolicy) else None
     if isinstance(policy, ADRC):
         found = _adrc(policy)
     elif isinstance(policy, OutputFeedback):
         found = _with_law(_observer(policy), policy)
-    elif isinstance(policy, MlpPolicy) and policy.hybrid is None:
+    elif hybrid is None:
         found = _differences(simulation)
-    elif isinstance(policy, MlpPolicy) and isinstance(policy.hybrid.controller, OutputFeedback):
-        found = _with_hybrid(_observer(policy.hybrid.controller), policy.hybrid)
+    elif isinstance(hybrid.controller, OutputFeedback):
+        found = _with_hybrid(_observer(hybrid.controller), hybrid)
     else:
         raise ValueError("networks that read the observers of ADRC are not written as C")
     return found._replace(functions={"observe": observe, **found.functions})
@@ -224,7 +224,7 @@ def _with_law(observer: Program, base: OutputFeedback) -> Program:
     return observer._replace(functions=functions, extra=extra)
 
 
-def _with_hybrid(observer: Program, hybrid: Hybrid) -> Program:
+def _with_hybrid(observer: Program, hybrid: Any) -> Program:
     base: OutputFeedback = hybrid.controller
     size, loop = _law_size(base), lift(estimator.unpack_loop)(base.estimator.prediction.numbers[0])
     length, hover = base.simulation.parameters.rod_length, base.simulation.parameters.hover_thrust

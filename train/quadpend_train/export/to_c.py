@@ -59,7 +59,7 @@ def export_c(policy: Policy, name: str, scenario: Scenario, out: Path) -> list[P
         raise ValueError(f"the name of a C file must be letters, digits and _, and end with .c, not {out.name!r}")
     scenario = replace(scenario, output_feedback=True)
     adapted = _adapted(policy, name, scenario)
-    inner = adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
+    inner: Any = adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
     simulation, found = scenario.simulation, program(inner, scenario.simulation)
     scale, is_network, reads_observer = simulation.command_scale, isinstance(inner, MlpPolicy), bool(found.checked)
     functions = dict(found.functions)
@@ -128,10 +128,10 @@ def _adapted(policy: Policy, name: str, scenario: Scenario) -> Any:
         raise ValueError("C files command thrust with torques or body rates: choose another --scenario without rotors")
     if any(isinstance(model, Delay) for model in scenario.sensors):
         raise ValueError("C files predict no delay of sensors: choose another --scenario, with a latency in its place")
-    adapted = policy.adapt(scenario)
+    adapted = copy(policy).adapt(scenario)
     inner: Any = adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
     if isinstance(inner, MlpPolicy):
-        inner.forward = _double_forward(inner)  # type: ignore[method-assign]
+        inner.forward = _double_forward(inner)
     if (observer := _observer(inner)) is not None:
         thinned = tuple(table[_gain_rows(len(table))] for table in observer._tables)
         observer.__dict__["_tables"] = thinned
