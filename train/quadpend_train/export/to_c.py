@@ -131,7 +131,7 @@ def _adapted(policy: Policy, name: str, scenario: Scenario) -> Any:
     adapted = copy(policy).adapt(scenario)
     inner: Any = adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
     if isinstance(inner, MlpPolicy):
-        inner.forward = _double_forward(inner)
+        setattr(inner, "forward", _double_forward(inner))  # noqa: B010
     if (observer := _observer(inner)) is not None:
         thinned = tuple(table[_gain_rows(len(table))] for table in observer._tables)
         observer.__dict__["_tables"] = thinned
@@ -156,7 +156,7 @@ def _double_forward(policy: MlpPolicy) -> Any:
     double.layers = [(weights.astype(float), biases.astype(float)) for weights, biases in policy.layers]
 
     def forward(inputs: Floats32) -> Floats32:
-        return MlpPolicy.forward(double, inputs.astype(float)).astype(np.float32)  # type: ignore[arg-type]
+        return MlpPolicy.forward(double, inputs.astype(float)).astype(np.float32)
 
     return forward
 
