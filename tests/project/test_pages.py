@@ -30,7 +30,6 @@ BRIEF = {
     r"learning_starts=[\d_]+": "learning_starts=32",
     r"n_eval_episodes=\d+": "n_eval_episodes=1",
     r'"MlpPolicy", env,': '"MlpPolicy", env, n_steps=64,',
-    r"num_envs, num_steps, updates = [^#]*": "num_envs, num_steps, updates = 64, 8, 2  ",
     r"episodes=\d+": "episodes=2",
     r"duration=4\.0": "duration=0.5",
     r"range\(200\)": "range(20)",
