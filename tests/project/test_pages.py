@@ -23,6 +23,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 OPTIONAL = {
     "minari": ("minari", "h5py"),
     "ray": ("ray", "ray.rllib"),
+    "sbx": ("sbx",),
     "quadpend_baselines.modelling.linear_loop": ("control",),
 }
 BRIEF = {
@@ -60,6 +61,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("block", blocks("python"))
+@pytest.mark.filterwarnings("ignore:jax.core:DeprecationWarning")  # in the import of SBX
 def test_python_on_every_page_runs(block: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     modules = [node.module or "" for node in ast.walk(ast.parse(block)) if isinstance(node, ast.ImportFrom)]
     for needed, packages in OPTIONAL.items():
