@@ -9,14 +9,12 @@ value at which survival first falls below 90 %, interpolated linearly; the ends 
 from the ends of the interval of the survival.
 """
 
-import argparse
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.pages import CACHE, DOCS, fill
+from experiments.pages import CACHE, DOCS, fill, options
 from experiments.perturbations import PERTURBATION_AXES, PerturbationAxis
 from experiments.recovery import CALM_HOVER, START_GRIDS, RecoveryMap, StartGrid, recovery_map
 from experiments.results import CLASSICAL, LEARNED
@@ -188,16 +186,11 @@ def draw_maps(found: Robustness, name: str) -> Any:
 
 def main() -> None:
     """Measure, draw, and fill the page if its policies were measured."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("policies", nargs="*", help="NAME=POLICY or POLICY, as in quadpend evaluate")
-    parser.add_argument("--episodes", type=int, default=50)
-    parser.add_argument("--out", type=Path, default=DOCS / "results")
-    parser.add_argument("--jobs", type=int, default=2)
-    given = parser.parse_args()
+    given = options(__doc__, 50, out=DOCS / "results")
     # Of a learner with several training seeds, the first is measured.
     published = {**{name: f"{name}-0" for name in LEARNED}, **{name: name for name in CLASSICAL}}
     named = named_policies(given.policies)
-    found = measure(named or published, given.episodes, cache_folder=CACHE, processes=given.jobs)
+    found = measure(named or published, given.episodes, given.seed, cache_folder=CACHE, processes=given.jobs)
     given.out.mkdir(parents=True, exist_ok=True)
     figures.write_png(draw_curves(found), given.out / "curves.png")
     for name in found.grids:
