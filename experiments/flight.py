@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.flight_figures import front_figure, scenario_figure
+from experiments.flight_cells import cell_table, errors_of, front_figure, scenario_figure
 from experiments.pages import CACHE, DOCS, README, fill, made_by, options, write_sample
 from quadpend_baselines.gains import RIGID_TUNED
 from quadpend_gym.scenarios import SCENARIOS, find_scenarios
@@ -27,7 +27,6 @@ from quadpend_train.evaluation.ranking import multiple
 from quadpend_train.evaluation.recovery import recovery
 from quadpend_train.evaluation.references import reference
 from quadpend_train.evaluation.statistics import Interval
-from quadpend_train.evaluation.table import cells
 from quadpend_train.reports import figures, tables
 
 POLICIES = (
@@ -39,7 +38,6 @@ SLOW_SCENARIOS = (
     *("flight_breeze", "flight_dryden_medium", "flight_gusts", "flight_late", "flight_masses", "flight_circle"),
 )
 FOLDER = DOCS / "flight"
-
 BREEZE, BLOCK = "flight_breeze", 100  # scenario of the delay margins, and episodes of each search
 PAPER = "adrc-paper"  # always in the table of the README
 
@@ -57,23 +55,6 @@ def delay_margins(found: Comparison, seed: int, jobs: int) -> dict[str, Interval
     budgets = run(calls, jobs, what="delay budget")
     values = {name: [budget for (policy, _), budget in budgets.items() if policy == name] for name in found.learners}
     return {name: Interval(float(np.median(each)), min(each), max(each)) for name, each in values.items()}
-
-
-def errors_of(found: Comparison, policy: str) -> list[Any]:
-    """Return the errors of a policy in each scenario, m, shape (s, n), nan for falls."""
-    parts = [values for (_, name), values in cells(found.table).items() if name == policy]
-    return [np.where(values["survived"], values["rmse"], np.nan) for values in parts]
-
-
-def cell_table(found: Comparison) -> pd.DataFrame:
-    """Return survival (%), reference and error of the survivors (mm), and the multiple with its interval."""
-    rows = []
-    for policy in found.policies:
-        for (scenario, limit), error in zip(found.references.items(), errors_of(found, policy), strict=True):
-            share, ratio = 100.0 * np.mean(~np.isnan(error)), multiple([error], [limit])
-            rows.append((scenario, policy, share, 1e3 * limit, 1e3 * limit * ratio.value, *ratio))
-    columns = ["scenario", "policy", "survival", "reference", "error", "multiple", "low", "high"]
-    return pd.DataFrame(rows, columns=columns)
 
 
 def matrix(table: pd.DataFrame, found: Comparison) -> str:

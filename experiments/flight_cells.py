@@ -1,4 +1,4 @@
-"""The figures of docs/flight.md, see `experiments.flight`."""
+"""Errors in multiples of the reference, and their figures, for `experiments.flight`."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,10 +7,30 @@ import numpy as np
 import pandas as pd
 
 from experiments.lqg_front import PATH
+from quadpend_train.evaluation.comparison import Comparison
+from quadpend_train.evaluation.ranking import multiple
 from quadpend_train.evaluation.statistics import Interval
+from quadpend_train.evaluation.table import cells
 from quadpend_train.reports import figures
 
 MARKERS = "os^vDP*X<>ph"
+
+
+def errors_of(found: Comparison, policy: str) -> list[Any]:
+    """Return the errors of a policy in each scenario, m, shape (s, n), nan for falls."""
+    parts = [values for (_, name), values in cells(found.table).items() if name == policy]
+    return [np.where(values["survived"], values["rmse"], np.nan) for values in parts]
+
+
+def cell_table(found: Comparison) -> pd.DataFrame:
+    """Return survival (%), reference and error of the survivors (mm), and the multiple with its interval."""
+    rows = []
+    for policy in found.policies:
+        for (scenario, limit), error in zip(found.references.items(), errors_of(found, policy), strict=True):
+            share, ratio = 100.0 * np.mean(~np.isnan(error)), multiple([error], [limit])
+            rows.append((scenario, policy, share, 1e3 * limit, 1e3 * limit * ratio.value, *ratio))
+    columns = ["scenario", "policy", "survival", "reference", "error", "multiple", "low", "high"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def front_figure(here: pd.DataFrame, delays: Mapping[str, Interval]) -> Any:
