@@ -56,8 +56,9 @@ def scenario_figure(table: pd.DataFrame) -> Any:
     ((axis,),) = figures.add_axes(figure, 1, 1)
     for i, (name, part) in enumerate(table.groupby("policy", sort=False)):
         faces = [figures.colour(i) if share >= 99.0 else "white" for share in part["survival"]]
-        style = {"marker": MARKERS[i], "c": faces, "edgecolors": figures.colour(i), "label": name, "zorder": 3}
-        axis.scatter(part["multiple"], range(len(part)), **style)
+        style = {"marker": MARKERS[i], "edgecolors": figures.colour(i), "zorder": 3}
+        axis.scatter(part["multiple"], range(len(part)), c=faces, **style)
+        axis.scatter([], [], c=figures.colour(i), label=name, **style)
     axis.set_yticks(range(len(part)), part["scenario"].str.removeprefix("flight_"))
     axis.invert_yaxis()
     axis.set(xlabel="error (multiple of the reference)", xscale="log")
