@@ -46,7 +46,8 @@ def front_figure(here: pd.DataFrame, delays: Mapping[str, Interval]) -> Any:
             "yerr": np.abs([[end - row.multiple] for end in (row.low, row.high)]),
         }
         axis.errorbar(x, row.multiple, **bars, fmt=MARKERS[i], color=figures.colour(i), label=row.policy)
-    axis.set(xlabel="delay margin (ms)", ylabel="error (multiple of the linear reference)", yscale="log")
+    axis.set(xlabel="delay margin (ms)", ylabel="error (multiple of the linear reference)")
+    axis.set(xlim=(-1.0, None), yscale="log", ylim=(0.9, None))
     return finish(figure, axis, axis.yaxis)
 
 
