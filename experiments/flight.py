@@ -42,10 +42,7 @@ BREEZE, BLOCK = "flight_breeze", 100  # scenario of the delay margins, and episo
 
 
 def delay_margins(found: Comparison, seed: int, jobs: int) -> dict[str, Interval]:
-    """Return the delay budget of each policy, s: median, smallest and largest one of blocks of episodes.
-
-    A controller has three blocks, and a learner one for each training seed.
-    """
+    """Return the median, smallest and largest delay budget, s, of three blocks of episodes or of all training seeds."""
     calls = {
         (name, i): partial(delay_budget, seeds[i % len(seeds)], SCENARIOS[BREEZE], BLOCK, seed + BLOCK * i)
         for name, seeds in found.learners.items()
