@@ -11,13 +11,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from experiments.recovery import CALM, HOVER_HEIGHT
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Noise
 from quadpend_gym.wind import Constant, Drawn, Dryden, StillAir
 
+CALM = Scenario()
+HOVER_HEIGHT = 2.0  # m, of the hover point above the origin
 _GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)  # rad; its multiples are evenly distributed on the circle
 _MILLI = 0.001
 Fields = dict[str, Any]  # of a `Scenario`

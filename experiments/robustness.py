@@ -1,4 +1,4 @@
-"""Robustness part of docs/results.md: survival and error under growing perturbations, and recovery maps.
+"""Robustness part of docs/results.md: survival and error under growing perturbations.
 
     python -m experiments.robustness --jobs 2                         # the policies of docs/results.md, an hour
     python -m experiments.robustness flatness mine=mine:make --out results/robustness
@@ -9,16 +9,13 @@ value at which survival first falls below 90 %, interpolated linearly; the ends 
 from the ends of the interval of the survival.
 """
 
-import argparse
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.pages import CACHE, DOCS, fill
+from experiments.pages import CACHE, DOCS, fill, options
 from experiments.perturbations import PERTURBATION_AXES, PerturbationAxis
-from experiments.recovery import CALM_HOVER, START_GRIDS, RecoveryMap, StartGrid, recovery_map
 from experiments.results import CLASSICAL, LEARNED
 from quadpend_train.evaluation.comparison import named_policies
 from quadpend_train.evaluation.episodes import TEST_SEED
@@ -30,18 +27,14 @@ from quadpend_train.policies.loading import load_policies
 from quadpend_train.reports import figures
 
 TOLERATED_SURVIVAL = 90.0  # %
-OUTCOMES = {"fell": "#c9c9c9", "survived, not settled": "#D55E00"}
-LONGEST = 6.0  # s, end of the colour scale of the recovery times
 Curve = list[dict[str, Interval]]  # metrics at each value of an axis
 
 
 class Robustness(NamedTuple):
-    """Metrics by the names of axis and policy, and recovery maps by those of grid and policy."""
+    """Metrics by the names of axis and policy."""
 
     axes: Mapping[str, PerturbationAxis]
-    grids: Mapping[str, StartGrid]
     curves: dict[tuple[str, str], Curve]
-    maps: dict[tuple[str, str], RecoveryMap]
 
     @property
     def policies(self) -> list[str]:
@@ -54,27 +47,22 @@ def measure(
     episodes: int,
     seed: int = TEST_SEED,
     axes: Mapping[str, PerturbationAxis] = PERTURBATION_AXES,
-    grids: Mapping[str, StartGrid] = START_GRIDS,
     **settings: Any,
 ) -> Robustness:
-    """Evaluate every policy at all values of every axis and from all starts of every grid; `settings` of `run_jobs`."""
+    """Evaluate every policy at all values of every axis; `settings` of `run_jobs`."""
     jobs: dict[Any, Job] = {}
     for policy, learner in ((name, load_policies(policy)) for name, policy in policies.items()):
         for name, axis in axes.items():
             for value in axis.values:
                 options = axis.options(value, episodes, seed)
                 jobs[name, policy, value] = Job(learner, axis.scenario(value), episodes, seed, options)
-        for name, grid in grids.items():
-            jobs[name, policy] = Job(learner, CALM_HOVER, grid.size, seed, grid.options())
     results = run_jobs(jobs, **settings)
-    curves: dict[tuple[str, str], Curve] = {}
-    maps = {}
-    for policy in policies:
-        for name, axis in axes.items():
-            curves[name, policy] = [summarise(values_of(results[name, policy, value])) for value in axis.values]
-        for name, grid in grids.items():
-            maps[name, policy] = recovery_map(results[name, policy], grid, CALM_HOVER.simulation.period)
-    return Robustness(axes, grids, curves, maps)
+    curves = {
+        (name, policy): [summarise(values_of(results[name, policy, value])) for value in axis.values]
+        for policy in policies
+        for name, axis in axes.items()
+    }
+    return Robustness(axes, curves)
 
 
 def tolerance_limit(values: Sequence[float], survival: Sequence[float]) -> float:
@@ -112,14 +100,11 @@ def tolerated_range(axis: PerturbationAxis, curve: Curve) -> str:
 
 
 def markdown(found: Robustness) -> str:
-    """Return the table of the tolerated range on each axis and of the share of recovered starts on each grid."""
+    """Return the table of the tolerated range on each axis."""
     rows = [
         [axis.label, *(tolerated_range(axis, found.curves[name, policy]) for policy in found.policies)]
         for name, axis in found.axes.items()
     ]
-    for name, grid in found.grids.items():
-        shares = (f"{found.maps[name, policy].recovered:.0f}" for policy in found.policies)
-        rows.append([f"{grid.title.lower()}: recovered (%)", *shares])
     return markdown_table(["", *found.policies], rows)
 
 
@@ -158,50 +143,15 @@ def draw_curves(found: Robustness) -> Any:
     return figure
 
 
-def draw_maps(found: Robustness, name: str) -> Any:
-    """Return a figure of the recovery maps of all policies on one grid of starts."""
-    from matplotlib.colors import ListedColormap
-    from matplotlib.patches import Patch
-
-    grid, columns = found.grids[name], min(len(found.policies), 4)
-    rows = -(-len(found.policies) // columns)
-    figure = figures.new_figure(2.7 * columns + 0.8, 2.6 * rows + 0.5)
-    axes = figures.add_axes(figure, rows, columns, sharex=True, sharey=True)
-    ends = [(v[0] - 0.5 * (v[1] - v[0]), v[-1] + 0.5 * (v[1] - v[0])) for v in (grid.x.values, grid.y.values)]
-    style: Any = {"origin": "lower", "aspect": "auto", "extent": [*ends[0], *ends[1]], "interpolation": "none"}
-    background = ListedColormap([*OUTCOMES.values()])
-    for axis, policy in zip(axes.ravel(), found.policies, strict=False):
-        survived, time = (array[0] for array in found.maps[name, policy])
-        axis.imshow(survived, cmap=background, vmin=0, vmax=1, **style)
-        image = axis.imshow(np.ma.masked_invalid(time), cmap="viridis_r", vmin=0.0, vmax=LONGEST, **style)
-        axis.locator_params(nbins=5)
-        axis.set(xlabel=f"{grid.x.title} ({grid.x.unit})", ylabel=f"{grid.y.title} ({grid.y.unit})")
-        axis.set_title(f"{policy}: {found.maps[name, policy].recovered:.0f} %", fontsize=9)
-        axis.label_outer()
-    for axis in axes.ravel()[len(found.policies) :]:
-        axis.set_axis_off()
-    figure.colorbar(image, ax=axes, label="time to recover (s)", shrink=0.7)
-    handles = [Patch(color=colour, label=label) for label, colour in OUTCOMES.items()]
-    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
-    return figure
-
-
 def main() -> None:
     """Measure, draw, and fill the page if its policies were measured."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("policies", nargs="*", help="NAME=POLICY or POLICY, as in quadpend evaluate")
-    parser.add_argument("--episodes", type=int, default=50)
-    parser.add_argument("--out", type=Path, default=DOCS / "results")
-    parser.add_argument("--jobs", type=int, default=2)
-    given = parser.parse_args()
+    given = options(__doc__, 50, out=DOCS / "results")
     # Of a learner with several training seeds, the first is measured.
     published = {**{name: f"{name}-0" for name in LEARNED}, **{name: name for name in CLASSICAL}}
     named = named_policies(given.policies)
-    found = measure(named or published, given.episodes, cache_folder=CACHE, processes=given.jobs)
+    found = measure(named or published, given.episodes, given.seed, cache_folder=CACHE, processes=given.jobs)
     given.out.mkdir(parents=True, exist_ok=True)
     figures.write_png(draw_curves(found), given.out / "curves.png")
-    for name in found.grids:
-        figures.write_png(draw_maps(found, name), given.out / f"{name}.png")
     if not named:
         fill(DOCS / "results.md", {"robustness": markdown(found)})
     print(markdown(found))

@@ -2,7 +2,7 @@
 
     python -m experiments.tasks --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 
-- swing-up and recovery: how often and how soon episodes settle, see `experiments.recovery`;
+- swing-up and recovery: how often and how soon episodes settle;
 - load (a hanging pendulum) and agile (fast references): the tracking error; agile also over the peak acceleration.
 """
 
