@@ -4,7 +4,7 @@
 
 It also writes docs/results/ (tables, figures, report.html), docs/hover/, and docs/results/sample.csv: three episodes of
 each policy in each scenario, which a test flies again. `python -m experiments.demo` makes the table of a minute of
-training on the same page, `experiments.learning`, `robustness`, `situation`, `ablations` and `bound` the other parts.
+training on the same page, `experiments.learning`, `situation`, `ablations` and `bound` the other parts.
 """
 
 import shutil
