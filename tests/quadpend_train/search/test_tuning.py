@@ -4,9 +4,9 @@ import json
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
-import optuna
 import pytest
 
 from quadpend_baselines import controller
@@ -36,7 +36,7 @@ def test_gains_with_too_small_a_delay_margin_do_not_fly(monkeypatch: pytest.Monk
     search = tuning.Search("lqg", ("flight_breeze",), 1)
     monkeypatch.setattr(tuning, "fly", None)
     walks = {"estimator.force_walk": 1.12, "estimator.bob_force_walk": 7.4e-5, "estimator.torque_noise": 0.0014}
-    trial = optuna.trial.FixedTrial({"effort": 0.01, **walks})
+    trial = SimpleNamespace(params={"effort": 0.01, **walks})
     assert 2000.0 < search.loss(trial) < 2500.0
 
 
