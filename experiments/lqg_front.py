@@ -1,6 +1,6 @@
 """The front of linear control: the smallest error of LQG designs for each delay margin, in the linear model.
 
-    python -m experiments.lqg_front --out results/lqg_front.csv      # ten minutes; needs the extras mpc and control
+    python -m experiments.lqg_front      # docs/flight/lqg_front.csv; ten minutes; needs the extras mpc and control
 
 The designs are those of the controller `lqg`. A search varies its effort and the noise levels of its Kalman filter, and
 minimises the stationary error as a multiple of the linear reference, in hover in a fluctuating force, with the delays
@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import differential_evolution
 
+from experiments.pages import DOCS
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains
@@ -36,6 +37,7 @@ HOVER = Scenario(
     sensors=Noise(position=0.0005, euler=0.001, direction=0.0006),
     output_feedback=True,
 )
+PATH = DOCS / "flight/lqg_front.csv"
 MARGINS = (0.005, 0.01, 0.015, 0.02, 0.025)  # s
 RANGES = {
     "effort": (3e-3, 0.5),
@@ -81,7 +83,7 @@ class Front:
 def main() -> None:
     """Search, and write the front."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("results/lqg_front.csv"))
+    parser.add_argument("--out", type=Path, default=PATH)
     parser.add_argument("--trials", type=int, default=200, help="designs for each margin")
     given, front = parser.parse_args(), Front(HOVER)
     for margin in MARGINS:

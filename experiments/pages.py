@@ -2,24 +2,34 @@
 
 import argparse
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures
 
-DOCS = Path(__file__).parents[1] / "docs"
+README = Path(__file__).parents[1] / "README.md"
+DOCS = README.parent / "docs"
 CACHE = Path("results/cache")
+SAMPLED = 3  # episodes of a cell in a sample, which a test flies again
 
 
-def options(description: str | None, episodes: int) -> argparse.Namespace:
-    """Return the options of a script: ``episodes``, ``seed`` and ``jobs``."""
+def options(
+    description: str | None, episodes: int, policies: Sequence[str] = (), out: Path | None = None
+) -> argparse.Namespace:
+    """Return the options of a script: ``episodes``, ``seed``, ``jobs``; with `out` also ``policies`` and ``out``."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if out:
+        parser.add_argument(
+            "policies", nargs="*", default=policies, help="NAME=POLICY or POLICY, see quadpend evaluate"
+        )
+        parser.add_argument("--out", type=Path, default=out, help="folder of figures and tables")
     parser.add_argument("--episodes", type=int, default=episodes, help="episodes in each scenario")
     parser.add_argument("--seed", type=int, default=TEST_SEED, help="seed of the first episode")
     parser.add_argument("--jobs", type=int, default=2, help="number of processes; the results do not depend on it")
@@ -42,6 +52,13 @@ def fill(path: Path, parts: Mapping[str, str]) -> None:
 def made_by(experiment: str, episodes: int, seed: int) -> str:
     """Return the line above a table: the command, the number of episodes and the seed of the first one."""
     return f"`python -m experiments.{experiment}`: {episodes} episodes in each scenario, seeds from {seed}."
+
+
+def write_sample(path: Path, table: pd.DataFrame) -> None:
+    """Write the first episodes of each policy in each scenario, of a learner those of the first training seed."""
+    columns = ["scenario", "policy", "episode", "survived", "steps", "rmse", "settled_rmse", "largest_tilt", "effort"]
+    first = table[(table["training_seed"] == 0) & (table["episode"] < SAMPLED)]
+    write_text(path, first[columns].to_csv(index=False, lineterminator="\n"))
 
 
 def with_survival(number: str, summary: Mapping[str, Interval]) -> str:

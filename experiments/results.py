@@ -4,21 +4,16 @@
 
 It also writes docs/results/ (tables, figures, report.html), docs/hover/, and docs/results/sample.csv: three episodes of
 each policy in each scenario, which a test flies again. `python -m experiments.demo` makes the table of a minute of
-training on the same page, `experiments.learning`, `robustness`, `situation`, `ablations` and `bound` the other parts.
+training on the same page, `experiments.learning`, `situation`, `ablations` and `bound` the other parts.
 """
 
 import shutil
 from pathlib import Path
 
-import pandas as pd
-
 from experiments import bound
-from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
+from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival, write_sample
 from quadpend_baselines.gains import TUNED
-from quadpend_gym.scenarios import SETS
-from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, compare
-from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import format_number, markdown_table
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.pairwise import compare_pair
@@ -28,20 +23,8 @@ LEARNED = ("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling")
 CLASSICAL = (
     *("dual-mode", "flatness", "mppi", "lqi", "lqr", "adrc-matched", "adrc-tuned", "adrc-linear", "adrc-paper"),
 )
-SAMPLE = DOCS / "results/sample.csv"
-SAMPLED = 3  # episodes of a cell
-SLOW = {"mppi": ("windy",)}  # scenarios of policies that take long
+
 PAIRS = 3  # pairwise comparisons on the page, of the best policy with the next ones
-
-
-def write_sample() -> None:
-    """Fly the first episodes of each policy in each scenario, of a learner the first training seed, and write them."""
-    flown = []
-    for name in (*LEARNED, *CLASSICAL):
-        policy = f"{name}-0" if name in LEARNED else name
-        flown.append(compare({name: policy}, SLOW.get(name, SETS["test"]), SAMPLED, TEST_SEED).table)
-    columns = ["scenario", "policy", "episode", "survived", "steps", "rmse", "settled_rmse", "largest_tilt", "effort"]
-    write_text(SAMPLE, pd.concat(flown)[columns].to_csv(index=False, lineterminator="\n"))
 
 
 def matrix(comparison: Comparison) -> str:
@@ -89,7 +72,7 @@ def main() -> None:
     report.write(hover, leaderboard(hover.table), DOCS / "hover")
     for folder in (DOCS / "results", DOCS / "hover"):  # too large for the repository
         shutil.move(folder / "episodes.csv", Path("results") / f"{folder.name}_episodes.csv")
-    write_sample()
+    write_sample(DOCS / "results/sample.csv", comparison.table)
 
 
 if __name__ == "__main__":

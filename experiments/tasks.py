@@ -2,7 +2,7 @@
 
     python -m experiments.tasks --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 
-- swing-up and recovery: how often and how soon episodes settle, see `experiments.recovery`;
+- swing-up and recovery: how often and how soon episodes settle;
 - load (a hanging pendulum) and agile (fast references): the tracking error; agile also over the peak acceleration.
 """
 
@@ -14,8 +14,6 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from experiments.pages import CACHE, DOCS, fill, options, with_survival
-from experiments.perturbations import Fields, PerturbationAxis
-from experiments.robustness import draw_axis
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.envs.world import world_of
@@ -73,16 +71,15 @@ def table(found: Comparison, columns: dict[str, str]) -> str:
     return markdown_table(["scenario", "policy", *columns.values()], rows)
 
 
-def _fast_references(acceleration: float) -> Fields:
+ACCELERATIONS = (1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0)  # m/s²
+_LABEL = "peak acceleration of the reference (m/s²)"
+
+
+def fast(acceleration: float) -> Scenario:
+    """Return calm air with references of a peak acceleration."""
     task = SCENARIOS["agile_windy"].task
     references = replace(task.references, acceleration=(acceleration, acceleration))
-    return {"task": replace(task, references=references)}
-
-
-_ACCELERATIONS = (1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0)
-ACCELERATION = PerturbationAxis(
-    "peak acceleration of the reference", "m/s²", _ACCELERATIONS, _fast_references, nominal=1.0
-)
+    return Scenario(task=replace(task, references=references), loop_known=False)
 
 
 class Feasible(NamedTuple):
@@ -98,7 +95,7 @@ def feasible_shares(acceleration: float, episodes: int, seed: int) -> Feasible:
 
     The feedforward is computed at 500 points over the duration of an episode. The limits of tilt do not count.
     """
-    scenario = ACCELERATION.scenario(acceleration)
+    scenario = fast(acceleration)
     env = scenario.make_vec(episodes, AutoresetMode.DISABLED)
     env.reset(seed=seed)
     references = world_of(env).reference
@@ -129,7 +126,7 @@ def acceleration_table(found: Comparison, feasible: Sequence[Feasible]) -> str:
         summaries = [found.summaries[name, policy] for policy in found.policies]
         flights = [with_survival(format_interval(summary["penalised_rmse"]), summary) for summary in summaries]
         rows.append([name, *(f"{100.0 * share:.0f}" for share in shares), *flights])
-    headings = [ACCELERATION.label, "thrust within limits (%)", "torques within limits (%)", "both (%)"]
+    headings = [_LABEL, "thrust within limits (%)", "torques within limits (%)", "both (%)"]
     return markdown_table([*headings, *found.policies], rows)
 
 
@@ -138,14 +135,22 @@ def acceleration_figure(found: Comparison, feasible: Sequence[Feasible]) -> Any:
     figure = figures.new_figure(7.5, 5.2)
     (survival,), (rmse,) = figures.add_axes(figure, 2, 1, sharex=True)
     curves = {policy: [found.summaries[name, policy] for name in found.scenarios] for policy in found.policies}
-    draw_axis(survival, rmse, ACCELERATION, curves)
+    for i, curve in enumerate(curves.values()):
+        for part, metric in ((survival, "survival"), (rmse, "penalised_rmse")):
+            middle, low, high = np.array([point[metric] for point in curve]).T
+            figures.draw_curve(part, i, ACCELERATIONS, low, middle, high)
+        rmse.plot(ACCELERATIONS, middle, ".", color=figures.colour(i), markersize=4)
     values = np.array([summary["penalised_rmse"] for summary in found.summaries.values()])
     figures.set_log_scale(rmse, float(values[values > 0.0].min()), float(values.max()))
     for name, line in (("thrust", "--"), ("torques", "-.")):
         shares = [100.0 * getattr(item, name) for item in feasible]
         label = f"references with {name} within limits"
-        survival.plot(ACCELERATION.values, shares, color="#777777", linestyle=line, label=label)
+        survival.plot(ACCELERATIONS, shares, color="#777777", linestyle=line, label=label)
     survival.set_ylabel("survival, share of references (%)", fontsize=8)
+    survival.set(ylim=(-3.0, 103.0), xlim=(ACCELERATIONS[0], ACCELERATIONS[-1]))
+    rmse.set(ylabel="penalised RMSE (mm)", xlabel=_LABEL)
+    for part in (survival, rmse):
+        part.grid(alpha=0.25)
     survival.legend(frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     figures.add_legend(figure, found.policies)
     return figure
@@ -158,9 +163,9 @@ def main() -> None:
         found = compare(policies, [scenarios], given.episodes, given.seed, CACHE, jobs=given.jobs)
         text = table(found, columns)
         if name == "agile":
-            faster = {f"{value:g}": ACCELERATION.scenario(value) for value in ACCELERATION.values}
+            faster = {f"{value:g}": fast(value) for value in ACCELERATIONS}
             found = compare(policies, faster, given.episodes, given.seed, CACHE, jobs=given.jobs)
-            feasible = [feasible_shares(value, given.episodes, given.seed) for value in ACCELERATION.values]
+            feasible = [feasible_shares(value, given.episodes, given.seed) for value in ACCELERATIONS]
             text += "\n\n" + acceleration_table(found, feasible)
             figures.write_png(acceleration_figure(found, feasible), DOCS / "tasks-results/agile.png")
         fill(DOCS / "tasks-results.md", {f"tasks-{name}": text})

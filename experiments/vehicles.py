@@ -14,11 +14,11 @@ The page has four parts:
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from experiments.pages import CACHE, DOCS, fill, options, with_survival
-from experiments.recovery import START_LINES, StartGrid, largest_recovered, recovery_map
 from experiments.results import matrix
 from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import UNPREDICTED
@@ -31,12 +31,19 @@ from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_number, markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.leaderboard import leaderboard
+from quadpend_train.evaluation.recovery import settling_times
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.reports.tables import leaderboard_markdown
 
 WIND_SHARE = 0.1  # root mean square of the force of the wind, as a share of the weight
 FLYERS = ("flatness", "lqi", "lqr", "adrc-matched")
 LEARNED = ("ppo-hummingbird", "sac-hummingbird")
+TILTS, RATES = np.arange(60.0), np.arange(0.0, 300.0, 5.0)  # °, °/s
+# Starts at hover with growing tilts and growing tilt rates, rad and rad/s
+START_LINES = {
+    "tilt": (np.radians(TILTS), np.zeros_like(TILTS)),
+    "tilt_rate": (np.zeros_like(RATES), np.radians(RATES)),
+}
 
 
 def calm_scenario(vehicle: str) -> Scenario:
@@ -60,34 +67,43 @@ def presets(policies: Sequence[str], vehicles: Sequence[str], episodes: int, see
     return markdown_table(["vehicle", "air", *policies], rows)
 
 
+def starts(tilt: Floats, rate: Floats) -> dict[str, Any]:
+    """Return the options of `reset` for hover with a pole that is tilted and turns in the x-z plane, shapes (n,)."""
+    x, z, none = np.sin(tilt), np.cos(tilt), np.zeros_like(tilt)
+    state: dict[str, Any] = dict.fromkeys(("velocity", "euler", "euler_rate"), (0.0, 0.0, 0.0))
+    state |= {"position": (0.0, 0.0, 2.0), "direction": np.column_stack([x, none, z])}
+    return {"state": state | {"direction_rate": np.column_stack([rate * z, none, -rate * x])}}
+
+
+def largest_recovered(times: Floats, values: Floats) -> float:
+    """Return the largest of ascending values up to which all settling times, shape (s, n), exist; nan if none."""
+    fails = np.isnan(times).any(axis=0)
+    count = int(fails.argmax()) if fails.any() else values.size
+    return float(values[count - 1]) if count else np.nan
+
+
 def recovery(policies: Sequence[str], vehicles: Sequence[str], seed: int, jobs: int) -> str:
     """Return the largest tilts and tilt rates from which controllers recover, as a Markdown table."""
     hover = {vehicle: replace(calm_scenario(vehicle), task=TASKS["hover"]) for vehicle in vehicles}
     learners = {name: load_policies(name) for name in policies}
     flights = {
-        (line, vehicle, policy): Job(learner, hover[vehicle], grid.size, seed, grid.options())
-        for line, grid in START_LINES.items()
+        (line, vehicle, policy): Job(learner, hover[vehicle], len(given[0]), seed, starts(*given))
+        for line, given in START_LINES.items()
         for vehicle in vehicles
         for policy, learner in learners.items()
     }
     results = run_jobs(flights, CACHE, processes=jobs)
 
     def cell(line: str, vehicle: str, policy: str) -> str:
-        grid = START_LINES[line]
-        outcomes = recovery_map(results[line, vehicle, policy], grid, hover[vehicle].simulation.period)
-        value, last = largest_recovered(outcomes, _grown(grid)), _grown(grid)[-1]
-        return "–" if np.isnan(value) else f"{'≥ ' if value == last else ''}{np.degrees(value):.0f}"
+        found, values = results[line, vehicle, policy], TILTS if line == "tilt" else RATES
+        value = largest_recovered(settling_times(found.survived, found.error, hover[vehicle].period), values)
+        return "–" if np.isnan(value) else f"{'≥ ' if value == values[-1] else ''}{value:.0f}"
 
     rows = [
         [vehicle, *(" / ".join(cell(line, vehicle, policy) for line in START_LINES) for policy in policies)]
         for vehicle in vehicles
     ]
     return markdown_table(["tilt (°) / tilt rate (°/s)", *policies], rows)
-
-
-def _grown(grid: StartGrid) -> Floats:
-    """Return the values of the quantity that grows along one of `START_LINES`."""
-    return grid.x.values if grid.x.values.size > 1 else grid.y.values
 
 
 def as_flown(policies: Sequence[str], episodes: int, seed: int, jobs: int) -> str:

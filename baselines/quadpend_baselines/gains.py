@@ -235,7 +235,7 @@ UNPREDICTED = "-unpredicted"  # end of the names of controllers that do not know
 for _name in ("flatness", "lqr"):
     DESCRIPTIONS[_name + UNPREDICTED] = f"{_name}, without the prediction through known delays and lags"
 # The searches; gains without an entry are the paper's, set by hand, or derived from those of another controller.
-TUNED, HANGING_TUNED = _searches("paper"), _searches("hanging")
+TUNED, HANGING_TUNED, RIGID_TUNED = (_searches(group) for group in ("paper", "hanging", "rigid"))
 # Gains of ADRC by the names that its constructor accepts.
 ADRC_GAINS: dict[str, AdrcGains] = {
     name.removeprefix("adrc-"): gains for name, gains in GAINS.items() if name.startswith("adrc-")

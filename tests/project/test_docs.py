@@ -82,10 +82,16 @@ def test_the_numbers_of_the_task_equal_those_of_the_code() -> None:
     assert f"exceeds {Limits().tracking_error:g} m" in TASKS
 
 
-def test_the_readme_is_short_and_has_the_leaderboard_of_the_results_page() -> None:
-    results = (DOCS / "results.md").read_text(encoding="utf-8")
-    (leaderboard,) = re.findall(r"<!-- begin leaderboard -->\n(.*?)<!-- end leaderboard -->", results, re.DOTALL)
-    assert leaderboard.strip()
-    assert leaderboard.strip() in README
+def test_the_readme_is_short_and_its_results_are_those_of_the_pages() -> None:
+    flight, results = ((DOCS / name).read_text(encoding="utf-8") for name in ("flight.md", "results.md"))
+    (table,) = re.findall(r"<!-- begin flight -->\n(.*?)<!-- end flight -->", README, re.DOTALL)
+    ranked = {tuple(row[:3]) for row in rows(flight, 9)}
+    ours = [tuple(row[:3]) for row in rows(table, 6)]
+    assert "adrc-paper" in {policy for _, policy, _ in ours}
+    assert len(ours) <= 12
+    assert set(ours) <= ranked
+    paper = re.findall(r"^\| \S+ \| .* \| \S+ \| \S+ \|$", README.partition("<!-- end flight -->")[2], re.MULTILINE)
+    assert len(paper) > 5
+    assert [row for row in paper if row not in results] == []
     assert len(README.splitlines()) <= 160
     assert len(README.split()) <= 1500

@@ -23,6 +23,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 OPTIONAL = {
     "minari": ("minari", "h5py"),
     "ray": ("ray", "ray.rllib"),
+    "sbx": ("sbx",),
     "quadpend_baselines.modelling.linear_loop": ("control",),
 }
 BRIEF = {
@@ -30,7 +31,6 @@ BRIEF = {
     r"learning_starts=[\d_]+": "learning_starts=32",
     r"n_eval_episodes=\d+": "n_eval_episodes=1",
     r'"MlpPolicy", env,': '"MlpPolicy", env, n_steps=64,',
-    r"num_envs, num_steps, updates = [^#]*": "num_envs, num_steps, updates = 64, 8, 2  ",
     r"episodes=\d+": "episodes=2",
     r"duration=4\.0": "duration=0.5",
     r"range\(200\)": "range(20)",
@@ -61,6 +61,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("block", blocks("python"))
+@pytest.mark.filterwarnings("ignore:jax.core:DeprecationWarning")  # in the import of SBX
 def test_python_on_every_page_runs(block: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     modules = [node.module or "" for node in ast.walk(ast.parse(block)) if isinstance(node, ast.ImportFrom)]
     for needed, packages in OPTIONAL.items():

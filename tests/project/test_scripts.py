@@ -1,4 +1,4 @@
-"""The scripts in `train/` run without changes, with fewer steps."""
+"""The scripts in `train/` and `docs/examples/` run without changes, with fewer steps."""
 
 import runpy
 import sys
@@ -15,23 +15,27 @@ Run = Callable[..., str]
 
 @pytest.fixture
 def run_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a script of `train/` with arguments as `python` does, but in this process, and return what it prints."""
+    """Run a script with arguments as `python` does, but in this process, and return what it prints."""
     shorten_scenarios(monkeypatch, 1.0)
     monkeypatch.chdir(tmp_path)
 
     def run(name: str, *arguments: str) -> str:
         monkeypatch.setattr(sys, "argv", [name, *arguments])
-        runpy.run_path(str(ROOT / "train" / name), run_name="__main__")
+        runpy.run_path(str(ROOT / name), run_name="__main__")
         return capsys.readouterr().out
 
     return run
 
 
 def test_ppo_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:
-    assert "mean return" in run_script("ppo.py", "--total-timesteps", "2000")
+    assert "mean return" in run_script("train/ppo.py", "--total-timesteps", "2000")
     assert (tmp_path / "ppo.zip").is_file()
 
 
 def test_sac_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:
-    assert "Mean return" in run_script("sac.py", "--total-timesteps", "2000")
+    assert "Mean return" in run_script("train/sac.py", "--total-timesteps", "2000")
     assert (tmp_path / "sac.zip").is_file()
+
+
+def test_the_loop_in_the_manner_of_cleanrl_trains(run_script: Run) -> None:
+    assert "update 0: mean length of an episode" in run_script("docs/examples/ppo_as_in_cleanrl.py", "--updates", "1")

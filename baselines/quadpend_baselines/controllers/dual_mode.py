@@ -10,8 +10,7 @@ K is designed for a small tolerance p of the position error (`near.position`, m)
 the actions. It is optimal for the motion linearised at hover and fails far from there. ε (m √s) is the root of the
 integral of the squared tracking error that the feedback (2) would still make in the linear model, by the solution P of
 its Riccati equation; T is the control period. α is the larger one of the tilts of pendulum and thrust. For the paper's
-vehicle both laws have the gains and the estimator of `flatness`; for rigid vehicles these gains are scaled, and not
-tuned (`controllers.vehicle_gains`).
+vehicle both laws have the estimator of `flatness`; for rigid vehicles they have one of their own.
 
 Dual-mode control switches from one law to the other; here the change is continuous.
 """

@@ -121,7 +121,7 @@ def linear_problem(scenario: Scenario) -> LinearProblem:
         raise _refuse("motion")
     if scenario.parameters is not None:
         raise _refuse("unknown parameters")
-    if not scenario.loop_known:
+    if not scenario.loop_known or scenario.loop is not None:
         raise _refuse("an unknown loop")
     for model in scenario.actuators:
         if isinstance(model, actuators.PacketLoss | actuators.GyroBias | actuators.RotorFault):

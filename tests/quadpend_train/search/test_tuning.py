@@ -4,13 +4,15 @@ import json
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
-from quadpend_baselines.gains import GAINS, HANGING_TUNED, TUNED
+from quadpend_baselines.controllers.vehicle_gains import gains_for
+from quadpend_baselines.gains import HANGING_TUNED, TUNED
 from quadpend_gym import Simulation
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
@@ -18,11 +20,24 @@ from quadpend_train.search import tuning
 from tests.helpers.scenarios import shorten_scenarios
 
 
-@pytest.mark.parametrize("name", tuning.SEARCH_SPACES)
-def test_the_gains_are_within_the_ranges_of_the_search(name: str) -> None:
-    for path, given in tuning.search_space(name, Simulation()).items():
-        assert given["low"] <= attrgetter(path)(GAINS[name]) <= given["high"], path
+@pytest.mark.parametrize(
+    ("name", "vehicle"),
+    [(name, "paper") for name in tuning.SEARCH_SPACES] + [(name, "hummingbird") for name in tuning.RIGID_SPACES],
+)
+def test_the_gains_are_within_the_ranges_of_the_search(name: str, vehicle: str) -> None:
+    simulation = Simulation(vehicle=vehicle)
+    for path, given in tuning.search_space(name, simulation).items():
+        assert given["low"] <= attrgetter(path)(gains_for(name, simulation)) <= given["high"], path
         assert given["low"] <= given["start"] <= given["high"], path
+
+
+def test_gains_with_too_small_a_delay_margin_do_not_fly(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("control")
+    search = tuning.Search("lqg", ("flight_breeze",), 1)
+    monkeypatch.setattr(tuning, "fly", None)
+    walks = {"estimator.force_walk": 1.12, "estimator.bob_force_walk": 7.4e-5, "estimator.torque_noise": 0.0014}
+    trial = SimpleNamespace(params={"effort": 0.01, **walks})
+    assert 2000.0 < search.loss(trial) < 2500.0
 
 
 def test_a_search_continues_and_its_result_is_scored(

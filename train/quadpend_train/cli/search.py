@@ -19,6 +19,7 @@ def tune(
     scenarios: tuple[str, ...] = ("training",),
     vehicle: str | None = None,
     interface: str | None = None,
+    geometric: bool = False,
     storage: str | None = None,
 ) -> None:
     """Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.
@@ -37,6 +38,7 @@ def tune(
             TOML or JSON files, or JSON. "training" stands for all training scenarios.
         vehicle: Vehicle of all scenarios, as in evaluate.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
+        geometric: Minimise the geometric mean over the scenarios, by which the flight benchmark ranks.
         storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
             processes; the default is a file in OUT. Opening a storage executes code that it contains: use only storages
             that you trust.
@@ -46,7 +48,7 @@ def tune(
     out.mkdir(parents=True, exist_ok=True)
     refuse_held_out(scenarios)
     chosen = [*named_scenarios(scenarios, vehicle, interface).values()]
-    for search in [tuning.Search(name, chosen, episodes) for name in controllers]:
+    for search in [tuning.Search(name, chosen, episodes, geometric) for name in controllers]:
         study = search.open(storage or str(out / "trials.log"), seed)
         print(json.dumps(tuning.tune(search, study, trials, out), indent=1))
         shared.draw(study, "loss (mm)", out / f"{search.name}.png")

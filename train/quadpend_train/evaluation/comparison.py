@@ -21,6 +21,7 @@ from quadpend_train.evaluation.cost import call_time
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.ranking import RankingRow, ranking
+from quadpend_train.evaluation.references import references
 from quadpend_train.evaluation.stability import loop_margins
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import Cell, cells, rows, summarise
@@ -118,7 +119,9 @@ def compare(
         "episodes": episodes,
         "seed": seed,
     }
-    return Comparison(table, {cell: result.error for cell, result in results.items()}, found, learners, margins)
+    errors = {cell: result.error for cell, result in results.items()}
+    limits = references(found) if all(scenario.unscored for scenario in found.values()) else {}
+    return Comparison(table, errors, found, learners, margins, limits)
 
 
 def _learner(value: str | Policy | Sequence[Policy]) -> list[Policy]:

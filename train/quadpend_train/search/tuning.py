@@ -5,6 +5,10 @@ set ``training``. The scenarios must have the same nominal simulation, for which
 counts as 1 m, the largest possible value of an episode. The search (CMA-ES of Optuna) minimises a loss that adds a
 larger term for an earlier fall. So the search also makes progress between gains with which every episode ends in a
 fall. The best gains are rounded to three digits and scored in episodes that the search has not used.
+
+The search space of a controller can ask for a delay margin, by which all its actions can come later than expected
+before the loop at hover is unstable (`quadpend_baselines.modelling.linear_loop`, which needs the extra `control`).
+Gains with a smaller one do not fly: they have the loss of falls at the start, the larger the smaller the margin is.
 """
 
 import hashlib
@@ -24,12 +28,13 @@ from optuna.distributions import FloatDistribution
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
 from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines.gains import GAINS, RIGID_GAINS
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Simulation
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.settings import suggest
+from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.scenarios import Scenario, find_scenarios, scenario_data
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
@@ -38,20 +43,28 @@ from quadpend_train.training.environment import concatenate_scenarios
 
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
 SCORE_EPISODES = 200
-# Ranges and initial values of gains, {low, high, start}, by the path of the gain, for each controller
-SEARCH_SPACES = {name: dict(flat(ranges)) for name, ranges in read_mapping(SPACES / "gains.toml").items()}
+# For each controller, ranges and initial values of gains, {low, high, start}, by the path of the gain: for the paper's
+# vehicle, and for rigid vehicles
+_DATA = read_mapping(SPACES / "gains.toml")
+LEAST_MARGINS: dict[str, float] = _DATA.pop("delay_margin")  # s, of rigid vehicles
+SEARCH_SPACES, RIGID_SPACES = ({name: dict(flat(given)) for name, given in group.items()} for group in _DATA.values())
 
 
 class Search:
-    """A search for the gains of a controller, a key of `SEARCH_SPACES`, with `episodes` in each scenario."""
+    """A search for the gains of a controller, with `episodes` in each scenario.
 
-    def __init__(self, name: str, scenarios: Sequence[str | Scenario] = ("training",), episodes: int = 48) -> None:
-        if name not in SEARCH_SPACES:
-            raise ValueError(
-                f"there is no controller {name!r} to tune{suggest(name, SEARCH_SPACES)}; there are"
-                f" {', '.join(SEARCH_SPACES)}"
-            )
-        self.name, self.episodes = name, episodes
+    The losses of the scenarios are averaged, with `geometric` by the geometric mean: then a tenth less error counts as
+    much in a calm scenario as in a hard one. The flight benchmark ranks by this mean.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        scenarios: Sequence[str | Scenario] = ("training",),
+        episodes: int = 48,
+        geometric: bool = False,
+    ) -> None:
+        self.name, self.episodes, self.geometric = name, episodes, geometric
         self.scenarios = find_scenarios(scenarios)
         found = [*self.scenarios.values()]
         if len({(scenario.task.pendulum, pendulum_arm(scenario)) for scenario in found}) > 1:
@@ -62,8 +75,8 @@ class Search:
         simulation, self.hangs = found[0].simulation, found[0].task.pendulum == "hanging"
         self.designed = mirror_simulation(simulation) if self.hangs else simulation
         self.env = concatenate_scenarios(found, episodes * len(found))
-        self.present = gains_for(name, self.designed)
         ranges = search_space(name, simulation)
+        self.present = gains_for(name, self.designed)
         self.start = {path: given["start"] for path, given in ranges.items()}
         self.space = {path: FloatDistribution(given["low"], given["high"], log=True) for path, given in ranges.items()}
 
@@ -71,7 +84,8 @@ class Search:
         """Open or create the study in a storage."""
         ranges = {path: [item.low, item.high] for path, item in self.space.items()}
         scenarios = {name: scenario_data(scenario) for name, scenario in self.scenarios.items()}
-        key = json.dumps([self.episodes, scenarios, ranges, asdict(self.present)])
+        settings = [self.episodes, scenarios, ranges, asdict(self.present)]
+        key = json.dumps([*settings, "geometric"] if self.geometric else settings)
         digest = hashlib.sha256(key.encode()).hexdigest()
         return open_study(f"{self.name}-{digest[:12]}", storage, self._sampler, seed, self.start)
 
@@ -87,18 +101,40 @@ class Search:
 
     def loss(self, trial: optuna.Trial) -> float:
         """Return the mean penalised RMSE in mm, with up to 1 m added for each fall, the more the earlier it is."""
-        found = fly(self.policy(trial.params), self.env, [*self.scenarios.values()], TUNING_SEED)
+        policy = self.policy(trial.params)
+        if (missing := self._missing_margin(policy)) > 0.0:
+            return 1000.0 * (2.0 + missing)
+        found = fly(policy, self.env, [*self.scenarios.values()], TUNING_SEED)
         remaining = 1.0 - found.steps / found.error.shape[-1]
-        return 1000.0 * float(np.mean(found.penalised_rmse + np.where(found.survived, 0.0, remaining)))
+        losses = found.penalised_rmse + np.where(found.survived, 0.0, remaining)
+        losses = losses.reshape(len(self.scenarios), -1).mean(axis=1)
+        return 1000.0 * float(np.exp(np.mean(np.log(losses))) if self.geometric else np.mean(losses))
+
+    def _missing_margin(self, policy: Policy) -> float:
+        """Return the share of the delay margin that the design lacks in the first scenario's loop at hover."""
+        if (least := LEAST_MARGINS.get(self.name)) is None or not _is_rigid(self.designed):
+            return 0.0
+        from quadpend_baselines.modelling import linear_loop
+
+        scenario = next(iter(self.scenarios.values()))
+        linear = linear_loop.linear_policy(policy, scenario)
+        return max(1.0 - linear_loop.margins(linear_loop.vehicle_model(scenario), linear).delay / least, 0.0)
+
+
+def _is_rigid(simulation: Simulation) -> bool:
+    return isinstance(plant_of(simulation), RigidPlant)
 
 
 def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float]]:
     """Return the ranges for a vehicle, which are in proportion to its gains."""
-    own, paper = gains_for(name, simulation), GAINS[name]
-    ratios = {path: attrgetter(path)(own) / attrgetter(path)(paper) for path in SEARCH_SPACES[name]}
-    return {
-        path: {key: value * ratios[path] for key, value in given.items()} for path, given in SEARCH_SPACES[name].items()
-    }
+    spaces = RIGID_SPACES if _is_rigid(simulation) else SEARCH_SPACES
+    if name not in spaces:
+        raise ValueError(
+            f"there is no controller {name!r} to tune{suggest(name, spaces)}; there are {', '.join(spaces)}"
+        )
+    own, given_for = gains_for(name, simulation), RIGID_GAINS[name][0] if _is_rigid(simulation) else GAINS[name]
+    ratios = {path: attrgetter(path)(own) / attrgetter(path)(given_for) for path in spaces[name]}
+    return {path: {key: value * ratios[path] for key, value in given.items()} for path, given in spaces[name].items()}
 
 
 def fly(policy: Policy, env: VectorEnv[Any, Any, Any], scenarios: Sequence[Scenario], seed: int) -> EpisodeResults:
