@@ -2,8 +2,8 @@
 
     python -m experiments.betaflight lqg flatness lqi dual-mode ppo-hummingbird-0      # 20 episodes, seeds from 1000000
 
-The scenarios are `flight_breeze`, a fluctuating force of 0.12 N on the hummingbird, and the same at 50 Hz with a latency
-of 30 ms; the racer flies them with forces in proportion to its weight.
+The scenarios are `flight_breeze`, a fluctuating force of 0.12 N on the hummingbird, and the same at 50 Hz with 30 ms of
+latency; the racer flies them with forces in proportion to its weight.
 """
 
 import argparse

@@ -17,7 +17,7 @@ from quadpend_gym.autopilots.firmware import prepare
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.settings import Parsed, parse, settings
 from quadpend_gym.physics.rotors import rate_loop_gains
-from quadpend_gym.vehicles import Simulation, Vehicle, mixing
+from quadpend_gym.vehicles import Simulation, Vehicle, mixing, rotors_of
 
 __all__ = ["AutopilotField", "Betaflight", "as_autopilot", "cli_lines", "full_rates", "radio"]
 
@@ -117,8 +117,8 @@ class Betaflight:
         vehicle = simulation.vehicle
         if simulation.interface != "body_rates" or vehicle.rotors is None:
             raise ValueError(
-                f"autopilot needs the interface 'body_rates' and a vehicle with rotors, not {simulation.interface!r} and"
-                f" the vehicle {vehicle.name!r}"
+                "autopilot needs the interface 'body_rates' and a vehicle with rotors, not"
+                f" {simulation.interface!r} and the vehicle {vehicle.name!r}"
             )
         if rate_loop is not None:
             raise ValueError("loop.rate_loop must be None with an autopilot, whose rate loop is its own")
@@ -149,7 +149,7 @@ def radio(thrust: Floats, rates: Floats, simulation: Simulation) -> Integers:
     `thrust`, N, has the shape (n,); `rates`, rad/s, body frame (x forward, y left, z up), the shape (n, 3). The yaw
     channel of a radio is positive to the right.
     """
-    low, high = simulation.vehicle.rotors.thrust
+    low, high = rotors_of(simulation.vehicle).thrust
     throttle = np.clip((0.25 * thrust - low) / (high - low), 0.0, 1.0)
     sticks = 500.0 * rates / np.radians(10.0 * full_rates(simulation)) * (1.0, 1.0, -1.0)
     roll, pitch, yaw = 1500.0 + np.clip(sticks, -500.0, 500.0).T
@@ -158,18 +158,19 @@ def radio(thrust: Floats, rates: Floats, simulation: Simulation) -> Integers:
 
 def motor_mix(vehicle: Vehicle) -> Floats:
     """Return the mix of throttle, roll, pitch and yaw of each rotor in the signs of the firmware, shape (4, 4)."""
-    x, y, _ = np.array(vehicle.rotors.positions).T
-    return np.column_stack([np.ones(4), y / np.abs(y).max(), -x / np.abs(x).max(), -np.array(vehicle.rotors.spins)])
+    rotors = rotors_of(vehicle)
+    x, y, _ = np.array(rotors.positions).T
+    return np.column_stack([np.ones(4), y / np.abs(y).max(), -x / np.abs(x).max(), -np.array(rotors.spins)])
 
 
 def matched_gains(vehicle: Vehicle) -> tuple[Integers, Integers]:
     """Return the gains P and D of roll, pitch and yaw that make the loop as fast as the vehicle's rate loop.
 
-    P and D act as k_ω and k_τ of `quadpend_gym.physics.rotors`, which multiply the same quantities, since the torque is
-    the inertia times the angular acceleration. An axis that would need larger gains than the firmware permits is slower.
+    P and D act as k_ω and k_τ of `quadpend_gym.physics.rotors`, which multiply the same quantities, since a torque is
+    the inertia times the angular acceleration. An axis that needs larger gains than the firmware permits is slower.
     """
-    low, high = vehicle.rotors.thrust
-    mix, lag = motor_mix(vehicle)[:, 1:] * (1.0, 1.0, -1.0), 0.5 * sum(vehicle.rotors.lags)
+    rotors, mix = rotors_of(vehicle), motor_mix(vehicle)[:, 1:] * (1.0, 1.0, -1.0)
+    (low, high), lag = rotors.thrust, 0.5 * sum(rotors.lags)
     # angular accelerations, deg/s², for the full range of the motors
     reach = np.degrees((mixing(vehicle)[1:] * mix.T).sum(axis=1) * (high - low) / np.diag(vehicle.inertia_matrix))
     gains = []

@@ -65,7 +65,7 @@ def find_binary(given: str | None) -> Path:
 
 @lru_cache(maxsize=8)
 def prepare(binary: str | None, lines: tuple[str, ...]) -> tuple[Path, Path]:
-    """Return the path of the binary, and a folder with the shim and the firmware's configuration after lines of its CLI.
+    """Return the path of the binary, and a folder with the shim and the configuration after these lines of the CLI.
 
     The folder is in the user's cache, and made once.
 
@@ -99,7 +99,7 @@ def _compile_shim(library: Path) -> None:
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         raise OSError("Betaflight in lockstep needs a C compiler: install gcc")
-    command = [compiler, "-O2", "-shared", "-fPIC", "-o", library, _SHIM, "-ldl"]
+    command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(library), str(_SHIM), "-ldl"]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     if result.returncode:
         raise OSError(f"{_SHIM} does not compile: {result.stderr.strip()}")
@@ -112,7 +112,9 @@ def _start(binary: Path, folder: Path, *variables: str) -> tuple[subprocess.Pope
     env = {**os.environ, "LD_PRELOAD": str(folder / _SHARED), "LOCKSTEP_CHANNEL": str(theirs.fileno())}
     env |= dict.fromkeys(variables, "1")
     quiet: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    with theirs:  # in a session of its own: Ctrl-C in a terminal interrupts only the simulator, which then closes the socket
+    with (
+        theirs
+    ):  # in a session of its own: Ctrl-C in a terminal interrupts only the simulator, which then closes the socket
         fds = [theirs.fileno()]
         process = subprocess.Popen([binary], cwd=folder, env=env, pass_fds=fds, start_new_session=True, **quiet)
     return process, ours

@@ -1,4 +1,4 @@
-"""Vehicles whose rotors an autopilot drives in place of the rate loop, in steps of at most 1 ms within a control period.
+"""Vehicles whose rotors an autopilot drives in place of the rate loop, in steps of at most 1 ms.
 
 In each step the firmware gets the body rates and, as radio channels, the thrust and the body rates that act then (see
 `loops`). While it runs for the length of a step, the vehicles advance under its previous outputs, which it has made
@@ -23,8 +23,7 @@ from quadpend_gym.physics.rigid_kernel import BODY_RATE
 from quadpend_gym.physics.rigid_settings import LOOP_SIZE
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.randomization import LoopRanges
-from quadpend_gym.vehicles import Simulation
-from quadpend_gym.vehicles.vehicle import hover_thrusts
+from quadpend_gym.vehicles import Simulation, hover_thrusts, rotors_of
 
 _RATES = slice(MEMORY_RIGID.start + BODY_RATE, MEMORY_RIGID.start + BODY_RATE + 3)
 
@@ -44,7 +43,7 @@ class AutopilotRows(LoopRows):
         self.steps, step, vehicle = substeps, simulation.period / substeps, simulation.vehicle
         self.plant_simulation = replace(simulation, interface="rotors", period=step, substeps=1, latency=0.0)
         self._scale = simulation.command_scale[:, np.newaxis]
-        (self._low, self._high), self._hover = vehicle.rotors.thrust, hover_thrusts(vehicle)
+        (self._low, self._high), self._hover = rotors_of(vehicle).thrust, hover_thrusts(vehicle)
         (hover,) = radio(np.zeros(1) + vehicle.weight, np.zeros((1, 3)), simulation)
         self._firmware = Firmware(autopilot.prepare(simulation), rows, step, hover)
         self._motors, self._kernel_loops = np.zeros((rows, ACTION_SIZE)), np.zeros((LOOP_SIZE + ACTION_SIZE, rows))
@@ -64,9 +63,10 @@ class AutopilotRows(LoopRows):
             self._firmware.send(memory[:, _RATES], channels)
             self._kernel_loops[LOOP_SIZE:] = self._rotor_actions().T
             time = clock * self.steps + number
-            if error := step_rigid_drawn(self._kernel_loops, memory, time, columns, action, settings, *outputs) - NO_ERROR:
-                return int(error + NO_ERROR)
+            error = step_rigid_drawn(self._kernel_loops, memory, time, columns, action, settings, *outputs)
             self._motors[:] = self._firmware.receive()[:, :ACTION_SIZE]
+            if error != NO_ERROR:
+                return error
         clock += 1
         return NO_ERROR
 

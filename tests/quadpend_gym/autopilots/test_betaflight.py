@@ -129,7 +129,7 @@ def test_the_matched_tune_is_as_fast_as_the_rate_loop_of_the_vehicle(breeze: Sce
 
 @pytest.mark.extras
 @pytest.mark.parametrize("vehicle", ["hummingbird", "racer"])
-@pytest.mark.parametrize("name", ["flatness", "lqg", "lqi"])
+@pytest.mark.parametrize("name", ["flatness", "lqi", "dual-mode"])
 def test_errors_with_the_matched_tune_are_those_of_the_rate_loop(breeze: Scenario, name: str, vehicle: str) -> None:
     scenario = breeze if vehicle == "hummingbird" else breeze.with_vehicle(vehicle)
     own = run_episodes([controller(name)], as_scenario(scenario, autopilot=None), 3)
