@@ -79,8 +79,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
       arguments are its fields and replace those that are given, for example ``gym.make("QuadPendulum-v0",
       scenario="gusts", vehicle="hummingbird", interface="body_rates")``. Another vehicle scales the forces of the
       scenario's wind. The ids other than ``QuadPendulum-v0`` replace the scenario's task by their own.
-    - `task`, `wind`, `vehicle`, `interface`, `latency`, `sensors`, `actuators`, `parameters`, `loop`, `period`,
-      `substeps`, `duration`, `wind_rise`, `output_feedback`: see `Scenario`. ``wind=None`` is no wind.
+    - `task`, `wind`, `vehicle`, `interface`, `latency`, `sensors`, `actuators`, `parameters`, `loop`, `autopilot`,
+      `period`, `substeps`, `duration`, `wind_rise`, `output_feedback`: see `Scenario`. ``wind=None`` is no wind.
     - `render_mode`: ``"human"`` opens a window that runs in real time (the key H lists its keys); with ``"rgb_array"``
       the method `render` returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs
       pygame-ce, the extra ``view``. Closing the window, or pressing R in it, truncates the running episode; after
@@ -173,6 +173,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         return None if pictures is None else pictures[0]
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one, and end the processes of an autopilot."""
+        self.world.close()
         if self.recorder is not None:
             self.recorder.close()

@@ -32,12 +32,12 @@ class LoopRows:
             during each of the s substeps of a control period, shape (7 + 4 s, n).
     """
 
-    def __init__(self, ranges: LoopRanges, simulation: Simulation, rows: int) -> None:
+    def __init__(self, ranges: LoopRanges | None, simulation: Simulation, rows: int) -> None:
         self._simulation, substeps = simulation, simulation.substeps
         nominal = simulation.latency, 1.0, 1.0, 1.0
-        pairs = [getattr(ranges, name) or (value, value) for name, value in zip(LOOP_NAMES, nominal, strict=True)]
+        pairs = [getattr(ranges, name, None) or (value, value) for name, value in zip(LOOP_NAMES, nominal, strict=True)]
         self._lowest, self._highest = np.array(pairs).T
-        self._jitter = ranges.jitter / simulation.period * substeps
+        self._jitter = getattr(ranges, "jitter", 0.0) / simulation.period * substeps
         latest = self._in_substeps(self._highest[0]) + ceil(self._jitter)
         slots = -(-int(latest) // substeps) + 1  # of the ring buffer
         self.drawn = np.zeros((len(LOOP_NAMES), rows))

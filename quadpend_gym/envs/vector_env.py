@@ -170,7 +170,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         return self.recorder.render()
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one, and end the processes of an autopilot."""
+        self.world.close()
         if self.recorder is not None:
             self.recorder.close()
 

@@ -21,11 +21,13 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import VectorEnv
 
 from quadpend_gym.actuators import check_chain
+from quadpend_gym.autopilots import Betaflight
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.delays import delay
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.packing import pack
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
+from quadpend_gym.envs.autopilot import AutopilotRows
 from quadpend_gym.envs.inputs import NO_ERROR, clip_rounding, find_error, raise_step_error
 from quadpend_gym.envs.kernel_layout import (
     MEMORY_ACTION,
@@ -80,11 +82,14 @@ class World:
         task, simulation = self.task, self.simulation = scenario.task, scenario.simulation
         self._plant = plant_of(simulation)
         self._loops = None if scenario.loop is None else LoopRows(scenario.loop, simulation, num_envs)
+        self._plant_steps = 1  # of the kernel in a control period
         self._step: Any = step_rigid if self._plant.memory_size else step_euler
         if self._loops is not None:
             self._drawn_step = step_rigid_drawn if self._plant.memory_size else step_euler_drawn
             self._step = partial(self._drawn_step, self._loops.columns)
         self._advance = self._step if num_threads == 1 else partial(run_in_threads, num_threads, self._step)
+        if scenario.autopilot is not None:
+            self._use_autopilot(scenario.autopilot)
         self._memory = np.zeros((num_envs, MEMORY_SIZE + self._plant.memory_size))
         # With a latency of k control periods and s substeps, the action of k + 1 steps ago acts during the first s
         # substeps of a step, and the action of k steps ago afterwards. Actions before the episode are hover.
@@ -105,6 +110,17 @@ class World:
         self.add_actuators(scenario.actuators)
         if scenario.parameters is not None:
             self.draw_parameters(scenario.parameters)
+
+    def _use_autopilot(self, autopilot: Betaflight) -> None:
+        """Let the firmware drive the rotors, in several steps of the kernel in a control period."""
+        rows = AutopilotRows(autopilot, self.scenario.loop, self.simulation, self.num_envs)
+        self._loops, self._advance, self._plant_steps = rows, rows.step, rows.steps
+        self._drawn_step, self._plant = step_rigid_drawn, plant_of(rows.plant_simulation)
+
+    def close(self) -> None:
+        """End the processes of an autopilot, if there is one."""
+        if isinstance(self._loops, AutopilotRows):
+            self._loops.close()
 
     @property
     def state(self) -> Floats:
@@ -152,7 +168,7 @@ class World:
         """Pack the settings of the kernel for a step, and for an observation, which advances nothing."""
         self._settings, self._observe_settings = (
             np.concatenate([pack_settings(self.task, self._plant, *arguments), self._trajectories.numbers])
-            for arguments in ((self._moves_air, self.simulation.substeps), (False, 0))
+            for arguments in ((self._moves_air, self._plant.simulation.substeps), (False, 0))
         )
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
@@ -306,7 +322,8 @@ class World:
         observation = np.empty((rows.size, OBSERVATION_SIZE), np.float32)
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
-        memory, clock, columns = self._memory[rows], self.clock[rows], np.zeros((self._columns_size, rows.size))
+        memory, clock = self._memory[rows], self.clock[rows] * self._plant_steps
+        columns = np.zeros((self._columns_size, rows.size))
         step = self._step if self._loops is None else partial(self._drawn_step, self._loops.at_hover(rows))
         step(memory, clock, columns, action, self._observe_settings, observation, outcome, 0, rows.size)
         if self._loops is not None:

@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from pydantic import Strict
 
 from quadpend_gym.actuators import ActuatorsField, check_chain
+from quadpend_gym.autopilots import AutopilotField, Betaflight
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.randomization import Around, LoopRanges, ParameterRanges, RangesField
@@ -58,6 +59,8 @@ class Scenario:
     actuators: Annotated[Any, ActuatorsField] = ()  # in the order in which an action passes them
     parameters: Annotated[ParameterRanges | Around, RangesField] | None = None  # drawn for each episode; None: nominal
     loop: LoopRanges | None = None  # latency, rate loop, rotor lags and thrust, drawn for each episode; None: nominal
+    # ``"betaflight[:TUNE]"``: real firmware in place of the rate loop
+    autopilot: Annotated[Betaflight | None, AutopilotField] = None
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
     substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
     duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0  # length of an episode
@@ -77,6 +80,8 @@ class Scenario:
             raise ValueError(f"unscored must be less than the duration of {self.duration:g} s, not {self.unscored:g} s")
         if self.loop is not None:
             self.loop.check(self.simulation)
+        if self.autopilot is not None:
+            self.autopilot.check(self.simulation, self.loop and self.loop.rate_loop)
 
     @cached_property
     def simulation(self) -> Simulation:

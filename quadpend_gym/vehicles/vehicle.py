@@ -17,7 +17,7 @@ from quadpend_gym.core.settings import Parsed, Range, look_up, parse, settings
 from quadpend_gym.vehicles.parameters import Parameters
 from quadpend_gym.vehicles.parts import PRESETS, Axes, Drag, Pole, PoleField, RateLoop, Rotors
 
-__all__ = ["VEHICLES", "Vehicle", "as_vehicle", "hover_wrench", "mixing", "torque_limits"]
+__all__ = ["VEHICLES", "Vehicle", "as_vehicle", "hover_thrusts", "hover_wrench", "mixing", "rotors_of", "torque_limits"]
 
 _MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
 FASTEST_LOOP = 0.5  # least time constant of the rate loop, as a share of the mean lag of the rotors
@@ -95,7 +95,7 @@ class Vehicle:
 
 def mixing(vehicle: Vehicle) -> Floats:
     """Return the matrix from the rotor thrusts to thrust and torques about x, y, z, N and N·m, shape (4, 4)."""
-    rotors = _rotors(vehicle)
+    rotors = rotors_of(vehicle)
     x, y, _ = np.array(rotors.positions).T
     return np.array([np.ones(4), y, -x, rotors.torque_per_thrust * np.array(rotors.spins)])
 
@@ -126,7 +126,7 @@ def torque_limits(vehicle: Vehicle) -> tuple[float, float]:
     if vehicle.torque is not None:
         roll_pitch, yaw = vehicle.torque
         return roll_pitch, yaw
-    low, high = _rotors(vehicle).thrust
+    low, high = rotors_of(vehicle).thrust
     hover = hover_thrusts(vehicle)
     room = np.minimum(hover - low, high - hover)  # N, of each rotor, in both senses
     per_torque = np.abs(np.linalg.inv(mixing(vehicle))[:, 1:])  # N per N·m
@@ -135,7 +135,8 @@ def torque_limits(vehicle: Vehicle) -> tuple[float, float]:
     return min(roll, pitch), yaw
 
 
-def _rotors(vehicle: Vehicle) -> Rotors:
+def rotors_of(vehicle: Vehicle) -> Rotors:
+    """Return the rotors of a vehicle that has some."""
     if vehicle.rotors is None:
         raise ValueError(f"the vehicle {vehicle.name!r} has no rotors")
     return vehicle.rotors

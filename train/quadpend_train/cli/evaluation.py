@@ -24,6 +24,7 @@ def evaluate(
     replay: Annotated[int, Range(0, 1000)] = 2,
     vehicle: str | None = None,
     interface: str | None = None,
+    autopilot: str | None = None,
 ) -> None:
     """Evaluate policies in the same episodes and compare them with the first policy.
 
@@ -49,6 +50,8 @@ def evaluate(
             wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
             the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
+        autopilot: Real firmware in place of the rate loop in all scenarios, with gains matched to the vehicle, its own
+            ones or those of a file of its command line: betaflight, betaflight:default or betaflight:tune.txt.
     """
     from rich.console import Console
 
@@ -56,7 +59,7 @@ def evaluate(
 
     made = report.evaluate(
         policies,
-        named_scenarios(scenarios, vehicle, interface),
+        named_scenarios(scenarios, vehicle, interface, autopilot),
         out,
         episodes=episodes,
         seed=seed,

@@ -1,9 +1,10 @@
 """Helpers of several commands: ranges of options and NAME=SCENARIO.
 
-The options `--vehicle` and `--interface` apply to all scenarios of a command, see `Scenario.with_vehicle`.
+The options `--vehicle`, `--interface` and `--autopilot` apply to all scenarios of a command.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import wraps
 from typing import Annotated, Any, get_args, get_type_hints
 
@@ -37,10 +38,20 @@ def checked(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def named_scenarios(
-    scenarios: Sequence[str], vehicle: str | None = None, interface: str | None = None
+    scenarios: Sequence[str], vehicle: str | None = None, interface: str | None = None, autopilot: str | None = None
 ) -> dict[str, Scenario]:
-    """Return scenarios by name, see `find_scenarios`, all of them with a vehicle or an interface if it is given."""
+    """Return scenarios by name, see `find_scenarios`, all of them with what is given.
+
+    An autopilot is built and configured.
+    """
     found = find_scenarios(scenarios)
-    if vehicle is None and interface is None:
+    if vehicle is not None or interface is not None:
+        found = find_scenarios(scenario.with_vehicle(vehicle, interface) for scenario in found.values())
+    if autopilot is None:
         return found
-    return find_scenarios(scenario.with_vehicle(vehicle, interface) for scenario in found.values())
+    with_autopilot = [
+        replace(scenario, autopilot=autopilot, name=f"{name} · {autopilot}") for name, scenario in found.items()
+    ]
+    for scenario in with_autopilot:
+        scenario.autopilot.prepare(scenario.simulation)
+    return find_scenarios(with_autopilot)

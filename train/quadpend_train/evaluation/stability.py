@@ -21,7 +21,9 @@ def loop_margins(learners: Mapping[str, list[Policy]], scenarios: Mapping[str, S
         return {}
     from quadpend_baselines.modelling.linear_loop import is_slower, linear_policy, margins, vehicle_model
 
-    scenarios = {name: scenario for name, scenario in scenarios.items() if not is_slower(scenario)}
+    scenarios = {  # those with a linear model, which an autopilot's rate loop does not have
+        name: scenario for name, scenario in scenarios.items() if not (is_slower(scenario) or scenario.autopilot)
+    }
     vehicles: dict[str, Any] = {}
     loops: dict[tuple[str, str], Any] = {}
     for scenario in scenarios.values():

@@ -1,0 +1,56 @@
+"""The tables of docs/betaflight.md: policies through real firmware, with gains matched to the vehicle and with its own.
+
+    python -m experiments.betaflight lqg flatness lqi dual-mode ppo-hummingbird-0      # 20 episodes, seeds from 1000000
+
+The scenarios are `flight_breeze`, a fluctuating force of 0.12 N on the hummingbird, and the same at 50 Hz with 30 ms of
+latency; the racer flies them with forces in proportion to its weight.
+"""
+
+import argparse
+from dataclasses import replace
+
+from experiments.pages import CACHE, DOCS, fill, made_by, with_survival
+from quadpend_gym.scenarios import SCENARIOS, Scenario
+from quadpend_train.evaluation.comparison import compare
+from quadpend_train.evaluation.episodes import TEST_SEED
+from quadpend_train.evaluation.formatting import markdown_table
+
+VEHICLES = "hummingbird", "racer"
+LOOPS = {"own loop": None, "matched": "betaflight:matched", "default": "betaflight:default"}
+BREEZE = SCENARIOS["flight_breeze"]
+KINDS = {"wind": BREEZE, "50 Hz, 30 ms": replace(BREEZE, period=0.02, substeps=8, latency=0.03)}
+
+
+def scenarios() -> dict[str, Scenario]:
+    """Return the scenarios by vehicle, kind and loop, in the order of the rows."""
+    return {
+        " · ".join((vehicle, kind, loop)): replace(
+            scenario if vehicle == "hummingbird" else scenario.with_vehicle(vehicle), autopilot=autopilot
+        )
+        for vehicle in VEHICLES
+        for kind, scenario in KINDS.items()
+        for loop, autopilot in LOOPS.items()
+    }
+
+
+def main() -> None:
+    """Fly, and fill the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("policies", nargs="+")
+    parser.add_argument("--episodes", type=int, default=20, help="episodes in each scenario")
+    parser.add_argument("--seed", type=int, default=TEST_SEED, help="seed of the first episode")
+    parser.add_argument("--jobs", type=int, default=2, help="number of processes; the results do not depend on it")
+    given = parser.parse_args()
+    made = compare(given.policies, scenarios(), given.episodes, given.seed, CACHE, jobs=given.jobs)
+    rows = []
+    for name in made.scenarios:
+        cells = [made.summaries[name, policy] for policy in made.policies]
+        numbers = [with_survival(f"{cell['settled_rmse'].value:.3g}", cell) for cell in cells]
+        rows.append([*name.split(" · "), *numbers])
+    table = markdown_table(["vehicle", "scenario", "rate loop", *made.policies], rows)
+    command = f"betaflight {' '.join(given.policies)}"
+    fill(DOCS / "betaflight.md", {"betaflight": f"{made_by(command, given.episodes, given.seed)}\n\n{table}"})
+
+
+if __name__ == "__main__":
+    main()

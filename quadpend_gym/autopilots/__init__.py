@@ -1,0 +1,3 @@
+"""Autopilots: real firmware in place of the rate loop."""
+
+from quadpend_gym.autopilots.betaflight import *
