@@ -92,12 +92,13 @@ def recovery_table(found: Comparison, episodes: int, seed: int, jobs: int) -> st
     return markdown_table(["policy", *(name.removeprefix("flight_recovery_") for name in scenarios)], rows.values())
 
 
-def onset_table(found: Comparison, *settings: Any, jobs: int) -> str:
+def onset_table(found: Comparison, episodes: int, seed: int, jobs: int) -> str:
     """Return the survival in turbulence that rises and in turbulence that begins at once, in Markdown."""
-    sudden = compare(found.learners, ["flight_onset"], *settings, jobs=jobs).summaries
-    paper = compare(["flatness"], ["dryden_severe_fair", "dryden_severe"], *settings, jobs=jobs).summaries
+    sudden = compare(found.learners, ["flight_onset"], episodes, seed, CACHE, jobs=jobs).summaries
+    scenarios = ["dryden_severe_fair", "dryden_severe"]
+    fair, severe = compare(["flatness"], scenarios, episodes, seed, CACHE, jobs=jobs).summaries.values()
     pairs = [(p, found.summaries["flight_dryden_fast", p], sudden["flight_onset", p]) for p in found.policies]
-    pairs.append(("flatness, paper's vehicle", *paper.values()))
+    pairs.append(("flatness, paper's vehicle", fair, severe))
     rows = [[policy, *(format_interval(item["survival"]) for item in both)] for policy, *both in pairs]
     return markdown_table(["policy", "fair start: survival (%)", "sudden wind: survival (%)"], rows)
 
@@ -128,7 +129,7 @@ def main() -> None:
         "origins": origins(found),
         "matrix": matrix(table, found),
         "recovery": recovery_table(found, *settings, given.jobs),
-        "onset": onset_table(found, *settings, CACHE, jobs=given.jobs),
+        "onset": onset_table(found, *settings, given.jobs),
     }
     write_text(given.out / "cells.csv", table.to_csv(index=False, lineterminator="\n"))
     figures.write_png(front_figure(table[table["scenario"] == BREEZE], delays), given.out / "front.png")
