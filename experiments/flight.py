@@ -8,7 +8,6 @@ It needs the extras mpc and control. docs/flight/lqg_front.csv, a curve in a fig
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
