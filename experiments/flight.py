@@ -14,7 +14,7 @@ import pandas as pd
 
 from experiments.flight_cells import cell_table, errors_of, front_figure, scenario_figure
 from experiments.pages import CACHE, DOCS, README, fill, made_by, options, write_sample
-from quadpend_baselines.gains import RIGID_TUNED
+from quadpend_baselines.gains import HUMMINGBIRD_TUNED
 from quadpend_gym.scenarios import SCENARIOS, find_scenarios
 from quadpend_train.common.executors import run
 from quadpend_train.common.files import write_text
@@ -67,7 +67,7 @@ def origins(found: Comparison) -> str:
     """Return in Markdown how each policy was made, and percentiles of the error over its training seeds."""
     rows, limits = [], list(found.references.values())
     for policy, seeds in found.learners.items():
-        card, search, spread = getattr(seeds[0], "card", None), RIGID_TUNED.get(policy), "–"
+        card, search, spread = getattr(seeds[0], "card", None), HUMMINGBIRD_TUNED.get(policy), "–"
         texts = [", ".join(search.scenarios), f"`{search.command}`"] if search else ["–", "set by hand"]
         if card:
             seconds = np.mean([item.card["seconds"] for item in seeds])  # type: ignore[attr-defined]

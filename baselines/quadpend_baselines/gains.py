@@ -227,15 +227,17 @@ def _searches(group: str) -> dict[str, Search]:
 
 
 # Gains by controller: of the paper's vehicle, of the paper's vehicle with a hanging pendulum (`HANGING_GAINS`), and of
-# rigid vehicles with the vehicle for which they were found (`RIGID_GAINS`); see `controllers.vehicle_gains.gains_for`.
+# rigid vehicles with the vehicle for which they were found (`RIGID_GAINS`), and of the hummingbird; see
+# `controllers.vehicle_gains.gains_for`.
 GAINS, HANGING_GAINS = _read("paper"), _read("hanging")
 RIGID_GAINS = {name: (gains, _table("rigid", name)["vehicle"]) for name, gains in _read("rigid").items()}
+HUMMINGBIRD_GAINS = _read("hummingbird")
 DESCRIPTIONS = {name: table["description"] for name, table in _DATA["paper"].items()}
 UNPREDICTED = "-unpredicted"  # end of the names of controllers that do not know the delays and lags of the loop
 for _name in ("flatness", "lqr"):
     DESCRIPTIONS[_name + UNPREDICTED] = f"{_name}, without the prediction through known delays and lags"
 # The searches; gains without an entry are the paper's, set by hand, or derived from those of another controller.
-TUNED, HANGING_TUNED, RIGID_TUNED = (_searches(group) for group in ("paper", "hanging", "rigid"))
+TUNED, HANGING_TUNED, HUMMINGBIRD_TUNED = (_searches(group) for group in ("paper", "hanging", "hummingbird"))
 # Gains of ADRC by the names that its constructor accepts.
 ADRC_GAINS: dict[str, AdrcGains] = {
     name.removeprefix("adrc-"): gains for name, gains in GAINS.items() if name.startswith("adrc-")

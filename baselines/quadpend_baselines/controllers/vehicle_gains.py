@@ -19,6 +19,7 @@ import numpy as np
 from quadpend_baselines.gains import (
     GAINS,
     HANGING_GAINS,
+    HUMMINGBIRD_GAINS,
     RIGID_GAINS,
     UNPREDICTED,
     AdrcGains,
@@ -34,7 +35,7 @@ from quadpend_baselines.gains import (
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.physics.plants import RigidPlant, plant_of
-from quadpend_gym.vehicles import as_vehicle
+from quadpend_gym.vehicles import VEHICLES, as_vehicle
 
 EXPONENTS: dict[type, dict[str, float]] = {
     ObserverGains: {"bandwidth": 1},
@@ -87,8 +88,8 @@ def gains_for(name: str, simulation: Simulation) -> Any:
     """Return the gains of a controller, a key of `DESCRIPTIONS`, for a nominal simulation.
 
     Simulations without a rigid vehicle have the gains `GAINS`, and those with a negative rod length, see
-    `controllers.controller`, have `HANGING_GAINS`. Others have `RIGID_GAINS`, scaled from the vehicle for which these
-    were tuned.
+    `controllers.controller`, have `HANGING_GAINS`. The hummingbird has `HUMMINGBIRD_GAINS`. Others have `RIGID_GAINS`,
+    scaled from the vehicle for which these were tuned.
     """
     if name.endswith(UNPREDICTED):
         gains = gains_for(name.removesuffix(UNPREDICTED), simulation)
@@ -97,6 +98,8 @@ def gains_for(name: str, simulation: Simulation) -> Any:
         return HANGING_GAINS.get(name, GAINS[name])
     if not isinstance(plant_of(simulation), RigidPlant):
         return GAINS[name]
+    if name in HUMMINGBIRD_GAINS and simulation.vehicle == VEHICLES["hummingbird"]:
+        return HUMMINGBIRD_GAINS[name]
     gains, vehicle = RIGID_GAINS.get(name, (GAINS[name], None))
     tuned_for = equivalent_model(Simulation(as_vehicle(vehicle)))
     return scale_gains(gains, tuned_for.parameters, equivalent_model(simulation).parameters)

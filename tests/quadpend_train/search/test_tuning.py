@@ -22,7 +22,7 @@ from tests.helpers.scenarios import shorten_scenarios
 
 @pytest.mark.parametrize(
     ("name", "vehicle"),
-    [(name, "paper") for name in tuning.SEARCH_SPACES] + [(name, "hummingbird") for name in tuning.RIGID_SPACES],
+    [(name, "paper") for name in tuning.SEARCH_SPACES] + [(name, "hummingbird") for name in tuning.HUMMINGBIRD_SPACES],
 )
 def test_the_gains_are_within_the_ranges_of_the_search(name: str, vehicle: str) -> None:
     simulation = Simulation(vehicle=vehicle)

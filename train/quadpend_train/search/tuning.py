@@ -27,8 +27,9 @@ from optuna.distributions import FloatDistribution
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
-from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains
-from quadpend_baselines.gains import GAINS, RIGID_GAINS
+from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains, scale_gains
+from quadpend_baselines.gains import GAINS
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Simulation
@@ -44,10 +45,12 @@ from quadpend_train.training.environment import concatenate_scenarios
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
 SCORE_EPISODES = 200
 # For each controller, ranges and initial values of gains, {low, high, start}, by the path of the gain: for the paper's
-# vehicle, and for rigid vehicles
+# vehicle, and for the hummingbird
 _DATA = read_mapping(SPACES / "gains.toml")
 LEAST_MARGINS: dict[str, float] = _DATA.pop("delay_margin")  # s, of rigid vehicles
-SEARCH_SPACES, RIGID_SPACES = ({name: dict(flat(given)) for name, given in group.items()} for group in _DATA.values())
+SEARCH_SPACES, HUMMINGBIRD_SPACES = (
+    {name: dict(flat(given)) for name, given in group.items()} for group in _DATA.values()
+)
 
 
 class Search:
@@ -127,12 +130,18 @@ def _is_rigid(simulation: Simulation) -> bool:
 
 def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float]]:
     """Return the ranges for a vehicle, which are in proportion to its gains."""
-    spaces = RIGID_SPACES if _is_rigid(simulation) else SEARCH_SPACES
+    spaces = HUMMINGBIRD_SPACES if _is_rigid(simulation) else SEARCH_SPACES
     if name not in spaces:
         raise ValueError(
             f"there is no controller {name!r} to tune{suggest(name, spaces)}; there are {', '.join(spaces)}"
         )
-    own, given_for = gains_for(name, simulation), RIGID_GAINS[name][0] if _is_rigid(simulation) else GAINS[name]
+    if spaces is SEARCH_SPACES:
+        own, given_for = gains_for(name, simulation), GAINS[name]
+    else:
+        hummingbird = Simulation("hummingbird")
+        given_for = gains_for(name, hummingbird)
+        models = [equivalent_model(item).parameters for item in (hummingbird, simulation)]
+        own = scale_gains(given_for, *models)
     ratios = {path: attrgetter(path)(own) / attrgetter(path)(given_for) for path in spaces[name]}
     return {path: {key: value * ratios[path] for key, value in given.items()} for path, given in spaces[name].items()}
 
