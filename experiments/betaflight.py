@@ -10,13 +10,14 @@ import argparse
 from dataclasses import replace
 
 from experiments.pages import CACHE, DOCS, fill, made_by, with_survival
+from quadpend_gym.autopilots import Betaflight
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import markdown_table
 
 VEHICLES = "hummingbird", "racer"
-LOOPS = {"own loop": None, "matched": "betaflight:matched", "default": "betaflight:default"}
+LOOPS = {"own loop": None, "matched": Betaflight("matched"), "default": Betaflight("default")}
 BREEZE = SCENARIOS["flight_breeze"]
 KINDS = {"wind": BREEZE, "50 Hz, 30 ms": replace(BREEZE, period=0.02, substeps=8, latency=0.03)}
 

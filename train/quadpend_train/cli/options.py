@@ -10,6 +10,7 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
+from quadpend_gym.autopilots import as_autopilot
 from quadpend_gym.core.settings import Range
 from quadpend_gym.scenarios import Scenario, find_scenarios
 
@@ -47,11 +48,10 @@ def named_scenarios(
     found = find_scenarios(scenarios)
     if vehicle is not None or interface is not None:
         found = find_scenarios(scenario.with_vehicle(vehicle, interface) for scenario in found.values())
-    if autopilot is None:
+    firmware = as_autopilot(autopilot)
+    if firmware is None:
         return found
-    with_autopilot = [
-        replace(scenario, autopilot=autopilot, name=f"{name} · {autopilot}") for name, scenario in found.items()
-    ]
-    for scenario in with_autopilot:
-        scenario.autopilot.prepare(scenario.simulation)
-    return find_scenarios(with_autopilot)
+    with_firmware = [replace(one, autopilot=firmware, name=f"{name} · {autopilot}") for name, one in found.items()]
+    for scenario in with_firmware:
+        firmware.prepare(scenario.simulation)
+    return find_scenarios(with_firmware)

@@ -37,6 +37,7 @@ from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.settings import suggest
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.scenarios import Scenario, find_scenarios, scenario_data
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
 from quadpend_train.search.shared import SPACES, flat, open_study, run_trials
@@ -138,7 +139,7 @@ def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float
     if spaces is SEARCH_SPACES:
         own, given_for = gains_for(name, simulation), GAINS[name]
     else:
-        hummingbird = Simulation("hummingbird")
+        hummingbird = Simulation(VEHICLES["hummingbird"])
         given_for = gains_for(name, hummingbird)
         models = [equivalent_model(item).parameters for item in (hummingbird, simulation)]
         own = scale_gains(given_for, *models)
