@@ -103,14 +103,14 @@ def onset_table(found: Comparison, episodes: int, seed: int, jobs: int) -> str:
 
 
 def slow_table(found: Comparison, seed: int, jobs: int) -> str:
-    """Return the ranking with the policies that take long, in the few episodes that they fly, in Markdown."""
+    """Return the table with the policies that take long, in the few episodes that they fly, in Markdown."""
     slow = compare(SLOW, SLOW_SCENARIOS, SLOW_EPISODES, seed, CACHE, jobs=jobs)
     same = (found.table["episode"] < SLOW_EPISODES) & found.table["scenario"].isin(SLOW_SCENARIOS)
     every, learners = pd.concat([found.table[same], slow.table]), found.learners | slow.learners
     headings, *rows = tables.ranking_rows(
         replace(slow, table=every, learners=learners, margins=found.margins | slow.margins)
     )
-    return markdown_table(headings, rows)
+    return markdown_table(headings[1:], [row[1:] for row in rows])  # too few episodes for a rank
 
 
 def main() -> None:
