@@ -141,7 +141,7 @@ def export(
     vec_normalize: Path | None = None,
     scenario: str = "flight_breeze",
 ) -> None:
-    """Convert a policy to a policy file (npz), which executes no code when loaded, to C or to ONNX.
+    """Convert a policy to a policy file, which executes no code when loaded, to C or to ONNX.
 
     Loading a model (.zip) executes code that it contains: export only files that you trust.
 
