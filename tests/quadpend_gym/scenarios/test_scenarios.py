@@ -35,6 +35,7 @@ EVERYTHING: dict[str, Any] = {
     "actuators": [{"kind": "motor_lag"}, {"kind": "packet_loss"}],
     "parameters": {"share": 0.1, "names": ["bob_mass"]},
     "loop": {"latency": [0.01, 0.03], "jitter": 0.002, "rate_loop": [0.8, 1.2]},
+    "autopilot": None,  # needs the firmware otherwise
     "vehicle": "hummingbird",
     "interface": "body_rates",
     "latency": 0.02,

@@ -96,12 +96,12 @@ def wrong_and_late(**vehicle: Any) -> dict[str, Any]:
     return {**vehicle, "wind": "windy", "parameters": masses, "latency": 0.015}
 
 
-HUMMINGBIRD = {"vehicle": "hummingbird", "interface": "body_rates"}
+RACER = {"vehicle": "racer", "interface": "body_rates"}
 WINDOWS: dict[str, dict[str, Any]] = {
     "paper": {"wind": "windy"},
     "paper, wrong and late": wrong_and_late(),
-    "hummingbird": {**HUMMINGBIRD, "wind": "windy"},
-    "hummingbird, wrong and late": wrong_and_late(**HUMMINGBIRD),
+    "racer": {**RACER, "wind": "windy"},
+    "racer, wrong and late": wrong_and_late(**RACER),
     "unknown delay": {"actuators": [{"kind": "action_delay", "steps": 2}], "loop_known": False},
     "noise, no velocities": {
         "task": {"trajectory": CURVE},
