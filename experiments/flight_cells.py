@@ -8,7 +8,7 @@ import pandas as pd
 
 from experiments.lqg_front import PATH
 from quadpend_train.evaluation.comparison import Comparison
-from quadpend_train.evaluation.ranking import multiple
+from quadpend_train.evaluation.ranking import multiple, survivors
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import cells
 from quadpend_train.reports import figures
@@ -18,8 +18,7 @@ MARKERS = "os^vDP*X<>ph"
 
 def errors_of(found: Comparison, policy: str) -> list[Any]:
     """Return the errors of a policy in each scenario, m, shape (s, n), nan for falls."""
-    parts = [values for (_, name), values in cells(found.table).items() if name == policy]
-    return [np.where(values["survived"], values["rmse"], np.nan) for values in parts]
+    return [survivors(values) for (_, name), values in cells(found.table).items() if name == policy]
 
 
 def cell_table(found: Comparison) -> pd.DataFrame:

@@ -46,7 +46,7 @@ def ranking(table: pd.DataFrame, references: Mapping[str, float] | None = None) 
     others = [name for name in survived if name != best]
     p_values = dict(zip(others, holm([p_proportion(survived[name], survived[best]) for name in others]), strict=True))
     safe = {name for name in survived if p_values.get(name, 1.0) >= 1.0 - CONFIDENCE}
-    errors = {name: [_survivors(values) for values in found.values()] for name, found in by_policy.items()}
+    errors = {name: [survivors(values) for values in found.values()] for name, found in by_policy.items()}
     smallest = np.nanmin([[_size(error) for error in errors[name]] for name in safe], axis=0)
     found = zip(by_policy[best], smallest, strict=True)
     limits = [(references or {}).get(scenario, size) for scenario, size in found]
@@ -67,7 +67,8 @@ def ranking(table: pd.DataFrame, references: Mapping[str, float] | None = None) 
     return sorted(rows, key=lambda row: (not row.is_safe, row.multiple.value if row.is_safe else -row.survival.value))
 
 
-def _survivors(values: Values) -> Floats:
+def survivors(values: Values) -> Floats:
+    """Return the RMSE of each episode, m, nan for falls."""
     return np.asarray(np.where(values["survived"], values["rmse"], np.nan))
 
 

@@ -9,6 +9,7 @@ scale. Those of such a scenario may be below 1.
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 from importlib.util import find_spec
 
 from quadpend_gym.actuators import GyroBias
@@ -25,6 +26,7 @@ def _white(model: Noise) -> Noise:
     return Noise(**{name: getattr(model, name).white for name in channels})
 
 
+@lru_cache(maxsize=64)
 def reference(scenario: Scenario) -> tuple[float, bool]:
     """Return the linear reference of a scenario or of the nearest one, m, and whether it is its own but for biases.
 

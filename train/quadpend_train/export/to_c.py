@@ -59,7 +59,7 @@ def export_c(policy: Policy, name: str, scenario: Scenario, out: Path) -> list[P
         raise ValueError(f"the name of a C file must be letters, digits and _, and end with .c, not {out.name!r}")
     scenario = replace(scenario, output_feedback=True)
     adapted = _adapted(policy, name, scenario)
-    inner: Any = adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
+    inner = _inner(adapted)
     simulation, found = scenario.simulation, program(inner, scenario.simulation)
     scale, is_network, reads_observer = simulation.command_scale, isinstance(inner, MlpPolicy), bool(found.checked)
     functions = dict(found.functions)
@@ -129,13 +129,18 @@ def _adapted(policy: Policy, name: str, scenario: Scenario) -> Any:
     if any(isinstance(model, Delay) for model in scenario.sensors):
         raise ValueError("C files predict no delay of sensors: choose another --scenario, with a latency in its place")
     adapted = copy(policy).adapt(scenario)
-    inner: Any = adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
+    inner = _inner(adapted)
     if isinstance(inner, MlpPolicy):
         setattr(inner, "forward", _double_forward(inner))  # noqa: B010
     if (observer := _observer(inner)) is not None:
         thinned = tuple(table[_gain_rows(len(table))] for table in observer._tables)
         observer.__dict__["_tables"] = thinned
     return adapted
+
+
+def _inner(adapted: Any) -> Any:
+    """Return the policy that gets the rates from differences, or the policy itself."""
+    return adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
 
 
 def _is_fast(policy: ADRC) -> bool:
