@@ -59,7 +59,7 @@ def design(values: dict[str, float]) -> OutputFeedback:
 
 
 def flown(row: Any) -> tuple[float, float]:
-    """Return the error of a design in `flight_breeze` as a multiple of the reference, and the delay that it tolerates."""
+    """Return the error of a design in `flight_breeze`, as a multiple of the reference, and its extra delay, s."""
     scenario, policy = SCENARIOS["flight_breeze"], design({name: row[name] for name in RANGES})
     found = run_episodes([policy.adapt(scenario)], scenario, 200, TEST_SEED)
     error = multiple([survivors(found._asdict())], [reference(scenario)[0]]).value
