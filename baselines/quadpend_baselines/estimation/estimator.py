@@ -8,12 +8,13 @@ The extended states d are the forces on quadrotor and bob and the torque, modell
 is that of the simulation itself, with nominal parameters. L is the gain of the Kalman filter for model (1) of
 `linear_model`, rotated by the yaw angle; the torque on a rigid vehicle is a vector of the world frame. The gain varies
 over the first steps of an episode, when the forces and, in output feedback, the rates are unknown; after that it is
-constant, or with `gust_walk` the gain
+constant, or with `gust_walk`
 
-    (4)  L = L_calm + s (L_gust − L_calm),     s = min(|d̂_b|²/(0.02 m g)², 1)
+    (4)  L = L_calm + s (L_gust − L_calm),     s = min(|d̂_b|²/(0.02 m_b g)², 1)
 
-of the estimated horizontal force d̂_b on the bob: in turbulence this force fluctuates, but where only the vehicle is
-pushed, a filter that expects such fluctuations amplifies the noise of the direction.
+where d̂_b is the horizontal force on the bob that was estimated before. In turbulence this force fluctuates. Where only
+the vehicle is pushed, a filter that expects such fluctuations amplifies the noise of the direction. Drag and constant
+wind on the bob raise s too. Between both gains, L is the gain of no Kalman filter, and stability is not proven.
 
 μ̂ is an effective ratio of weight to thrust, relative to the nominal one. Equation (3) attributes every lasting vertical
 force to it: other masses, but also slow vertical wind and errors of the thrust. At hover these cannot be distinguished,

@@ -58,8 +58,7 @@ class Search:
     """A search for the gains of a controller, with `episodes` in each scenario.
 
     With `geometric`, the loss is the geometric mean of the errors of the scenarios, and 1 to 2 m times the share of
-    falls: survival first, and a tenth less error counts as much in a calm scenario as in a hard one. So does the
-    ranking of the flight benchmark.
+    falls. So a tenth less error counts as much in a calm scenario as in a hard one.
     """
 
     def __init__(
