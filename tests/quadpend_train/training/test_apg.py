@@ -119,7 +119,7 @@ WINDOWS: dict[str, dict[str, Any]] = {
 
 
 def linear_feedback(scenario: Scenario) -> Any:
-    """Return the gain of `flatness` near hover, from the estimated state in an observation to the action, shape (18, 4)."""
+    """Return the gain of `flatness` near hover from the estimated state in an observation to the action, (18, 4)."""
     law = controller("flatness", Scenario(vehicle=scenario.vehicle, interface=scenario.interface).simulation)
     hover, change = np.zeros(OBSERVATION_SIZE), 1e-3 * np.eye(OBSERVATION_SIZE)
     hover[OBSERVATION_FIELDS["direction"].stop - 1] = 1.0
