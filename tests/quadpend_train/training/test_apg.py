@@ -106,7 +106,6 @@ DRAWN = {
 WINDOWS: dict[str, dict[str, Any]] = {
     "paper": {"wind": "windy"},
     "paper, wrong and late": wrong_and_late(),
-    "hummingbird": {**HUMMINGBIRD, "wind": "windy"},
     "hummingbird, wrong and late": wrong_and_late(**HUMMINGBIRD),
     "hummingbird, drawn loop": {**HUMMINGBIRD, **DRAWN, "wind": "windy"},
     "unknown delay": {"actuators": [{"kind": "action_delay", "steps": 2}], "loop_known": False},
