@@ -1,11 +1,11 @@
-"""docs/flight/learning.csv and learning.md: the score of learners over environment steps and seconds of training.
+"""docs/flight/learning.csv, and its table in docs/training.md: the score over steps and seconds of training.
 
-    python -m experiments.budgets                          # five training seeds; runs/budgets/; hours, see the table
-    python -m experiments.budgets ppo-flight --minutes 1 --seeds 1      # a part; the others of the table stay
+    python -m experiments.budgets                          # five training seeds in runs/budgets/; about six hours
+    python -m experiments.budgets ppo-flight --minutes 1 --seeds 1      # a part; the other rows stay
 
-A training has as many environment steps as fit into its budget on an idle machine; the seconds are measured. The
-processor seconds contain imitation and the score on the card. A finished training is found in its folder, an
-interrupted one goes on. Scores are those of the set `flight`: 200 episodes in each scenario, seeds from 1000000.
+A training has as many timesteps as fit into its budget on an idle machine; the seconds are measured. Processor seconds
+include imitation and the score on the card, seconds do not. A finished training is found in its folder, and an
+interrupted one goes on. Scores are those of the set `flight`: 50 episodes in each scenario, seeds from 1000000.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.pages import CACHE, DOCS
+from experiments.pages import CACHE, DOCS, fill
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import TEST_SEED
@@ -32,7 +32,8 @@ RUNS, FOLDER = Path("runs/budgets"), DOCS / "flight"
 WIND = "flight_breeze", "flight_windy"  # the scenarios of fluctuating wind
 STEPS = {  # factors on the timesteps of a preset, and of its imitation, for each budget in minutes
     "ppo-flight": {1: 1.0, 3: 3.0, 10: 10.0},
-    "sac-flight": {1: 1 / 3, 3: 1.0, 10: 10 / 3},
+    "ppo-hummingbird": {1: 0.6, 3: 1.8, 10: 6.0},
+    "sac-hummingbird": {1: 0.08, 3: 0.24, 10: 0.8},
 }
 
 
@@ -66,12 +67,11 @@ def scored(name: str, minutes: int, seed: int, policy: MlpPolicy, episodes: int)
 
 
 def page(table: pd.DataFrame) -> str:
-    """Return the medians of the training seeds, and the smallest and largest value, in Markdown."""
+    """Return the smallest value, the median and the largest value over the training seeds, in Markdown."""
     columns = [*table.columns[3:]]
     rows = []
     for (name, minutes), part in table.groupby(["learner", "minutes"]):
-        texts = [f"{format_number(v.median())} ({format_number(v.min())}–{format_number(v.max())})" for _, v in
-                 part[columns].items()]  # fmt: skip
+        texts = [" / ".join(map(format_number, part[item].quantile([0.0, 0.5, 1.0]))) for item in columns]
         rows.append([str(name), str(minutes), str(len(part)), *texts])
     return markdown_table(["learner", "budget (min)", "seeds", *(item.replace("_", " ") for item in columns)], rows)
 
@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("learners", nargs="*", default=[*STEPS])
     parser.add_argument("--minutes", type=int, nargs="*", default=[1, 3, 10], help="budgets")
     parser.add_argument("--seeds", type=int, default=5, help="number of training seeds")
-    parser.add_argument("--episodes", type=int, default=200, help="episodes in each scenario")
+    parser.add_argument("--episodes", type=int, default=50, help="episodes in each scenario")
     given, path = parser.parse_args(), FOLDER / "learning.csv"
     for minutes in given.minutes:
         for name in given.learners:
@@ -93,7 +93,7 @@ def main() -> None:
                 table = table.drop_duplicates(["learner", "minutes", "seed"], keep="last")
                 table = table.sort_values(["learner", "minutes", "seed"])
                 write_text(path, table.to_csv(index=False, float_format="%.5g", lineterminator="\n"))
-                write_text(path.with_suffix(".md"), page(table))
+                fill(DOCS / "training.md", {"budgets": page(table)})
 
 
 if __name__ == "__main__":
