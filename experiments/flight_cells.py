@@ -37,7 +37,11 @@ def front_figure(here: pd.DataFrame, delays: Mapping[str, Interval]) -> Any:
     front = pd.read_csv(PATH)
     figure = figures.new_figure(7.5, 4.4)
     ((axis,),) = figures.add_axes(figure, 1, 1)
-    axis.plot(1e3 * front["delay_margin"], front["multiple"], ".-", color="#888888", label="LQG designs, linear model")
+    for margin, error, line, what in (
+        ("delay_margin", "multiple", ":", "linear model"),
+        ("extra_delay", "flown", "-", "flown"),
+    ):
+        axis.plot(1e3 * front[margin], front[error], f".{line}", color="#888888", label=f"LQG designs, {what}")
     for i, row in enumerate(here.itertuples()):
         x, *ends = delays[row.policy].scaled(1e3)
         bars = {
