@@ -2,8 +2,8 @@
 
     python train/sac.py                  # about three minutes on one core
 
-An action lasts 40 ms instead of 10 ms. At shorter periods SAC learns much more slowly. With the seeds 0, 1 and 2 it balances
-in 98, 96 and 94 of 100 episodes.
+An action lasts 40 ms instead of 10 ms. At shorter periods SAC learns much more slowly. With the seeds 0, 1 and 2 it
+balances in 98, 96 and 94 of 100 episodes.
 
 Writes `sac.zip`. `quadpend evaluate sac.zip flatness --scenarios calm` compares it with a classical controller.
 """
