@@ -106,6 +106,15 @@ class Identification:
     fitted: list[FlightLog]
     held_out: list[FlightLog]
 
+    def table(self) -> str:
+        """Return the quantities with their 95 % intervals as lines of text."""
+        lines = [f"{'quantity':<20}{'value':>12}{'95 % interval':>26}  unit"]
+        for name, found in self.estimates.items():
+            low, high = found.interval
+            shown = f"{low:.4g} to {high:.4g}" if found.identified else "not identified"
+            lines.append(f"{name:<20}{found.value:>12.4g}{shown:>26}  {QUANTITIES[name].unit}")
+        return "\n".join(lines)
+
     def sentences(self) -> list[str]:
         """Return what the logs do not show, with the manoeuvre that would."""
         hidden = [name for name, found in self.estimates.items() if not found.identified]
@@ -209,6 +218,8 @@ class _Fit:
         self.scales = 1.0
         found = self.errors(values)
         size = np.sqrt((found.reshape(*found.shape[:2], 4, 3) ** 2).mean(axis=(1, 3)))
+        if not all(each.log.has_position for each in self.windows):
+            size[:, :2] = np.inf  # neither position nor velocity counts
         self.scales = np.repeat(size, 3, axis=-1)[:, np.newaxis]
 
     def jacobian(self, values: dict[str, float], names: Sequence[str]) -> Floats:
@@ -245,7 +256,7 @@ class _Fit:
         found, slopes = self.errors(values), self.jacobian(values, names)
         weight = (1.0 + found**2) ** -0.5  # of the loss
         information = np.einsum("twci,twcj,twc->ij", slopes, slopes, weight)
-        inverse = np.linalg.pinv(information)
+        inverse = np.linalg.inv(information + 1e-9 * np.eye(len(names)))  # what nothing shows gets a huge variance
         gradients = np.einsum("twci,twc->wi", slopes, weight * found)
         count = min(_BLOCKS, len(gradients))
         blocks = np.array([part.sum(axis=0) for part in np.array_split(gradients, count)])

@@ -5,10 +5,10 @@ before it have brought. All windows are one batch of the plant. The vehicle has 
 """
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
@@ -17,6 +17,7 @@ from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUS
 from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_gym.vehicles import Pole, RateLoop, Simulation, Vehicle, hover_thrusts, rotors_of
 from quadpend_train.flights.flight_log import FlightLog
+from quadpend_train.reports.figures import add_axes, add_legend, colour, line, new_figure, write_png
 
 CHANNELS = {"position": "mm", "velocity": "mm/s", "attitude": "°", "rate": "°/s"}
 SCALES = {"position": 1e3, "velocity": 1e3, "attitude": np.degrees(1.0), "rate": np.degrees(1.0)}
@@ -89,7 +90,8 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
     view = State(state)
     view.position[:], view.velocity[:] = log.position[windows.first], log.velocity[windows.first]
     view.direction[:, 2] = 1.0
-    memory[:, QUATERNION:BODY_RATE], memory[:, BODY_RATE:ROTOR_THRUST] = log.quaternion[windows.first], log.rate[windows.first]
+    memory[:, QUATERNION:BODY_RATE] = log.quaternion[windows.first]
+    memory[:, BODY_RATE:ROTOR_THRUST] = log.rate[windows.first]
     memory[:, ROTOR_THRUST:] = _thrusts_at(windows.first, thrusts, lags, log.period)
     still, parameters = np.zeros((count, 9)), np.tile(simulation.parameters.as_array(), (count, 1))
     out = np.empty((windows.steps + 1, count, 13))
@@ -139,6 +141,51 @@ def held(windows: Windows) -> Any:
 
 def hover_coefficient(log: FlightLog, mass: float, gravity: float) -> float:
     """Return the thrust per squared motor number that explains the log's vertical acceleration, N."""
+    if not log.has_position:  # near hover on average
+        return float(mass * gravity / (log.motors**2).sum(axis=1).mean())
     lift = log.rotation.as_matrix()[:, 2, 2] * (log.motors**2).sum(axis=1)
     rise = (log.velocity[-1, 2] - log.velocity[0, 2]) / (log.period * (len(log) - 1))
     return float(mass * (gravity + rise) / lift.mean())
+
+
+def compare(
+    log: FlightLog, vehicles: dict[str, Vehicle], horizon: float = 0.5, delay: float = 0.0
+) -> dict[str, dict[str, Floats]]:
+    """Return the errors of vehicles, and of constant velocity with held attitude, over the horizon, see `rms`.
+
+    A vehicle without `rotors.thrust_coefficient`, or a log without speeds, takes the coefficient that explains the
+    log's vertical motion. ``"time"`` has the times in s.
+    """
+    windows, out = windows_of(log, horizon, 0.05), {}
+    for name, vehicle in vehicles.items():
+        known = rotors_of(vehicle).thrust_coefficient if log.has_speeds else None
+        coefficient = known or hover_coefficient(log, vehicle.mass, vehicle.gravity)
+        out[name] = rms(errors(fly(windows, without_pole(vehicle), coefficient, delay), windows))
+    out["held"] = rms(errors(held(windows), windows))
+    return {name: {"time": log.period * np.arange(windows.steps + 1), **found} for name, found in out.items()}
+
+
+def table(found: dict[str, dict[str, Floats]]) -> str:
+    """Return the errors at five times of the horizon as lines of text; held: constant velocity and attitude."""
+    width = max(map(len, found))
+    time = found["held"]["time"]
+    rows = np.unique(np.linspace(0, len(time) - 1, 6).round().astype(int))[1:]
+    lines = [f"{'root mean square at':<{width + 20}}" + "".join(f"{time[row]:>9.2f} s" for row in rows)]
+    for channel, unit in CHANNELS.items():
+        for name, errors_of in found.items():
+            values = "".join(f"{SCALES[channel] * errors_of[channel][row]:>11.1f}" for row in rows)
+            lines.append(f"{f'{channel}, {unit}':<20}{name:<{width}}{values}")
+    return "\n".join(lines)
+
+
+def draw(found: dict[str, dict[str, Floats]], path: Path) -> None:
+    """Draw the errors over the horizon."""
+    figure = new_figure(8.0, 5.0)
+    axes = add_axes(figure, 2, 2)
+    for axis, (channel, unit) in zip(np.ravel(axes), CHANNELS.items(), strict=True):
+        for i, errors_of in enumerate(found.values()):
+            axis.plot(errors_of["time"], SCALES[channel] * errors_of[channel], line(i), color=colour(i))
+        axis.set_xlabel("s")
+        axis.set_ylabel(f"error of {channel}, {unit}")
+    add_legend(figure, tuple(found))
+    write_png(figure, path)

@@ -95,6 +95,7 @@ def simulated_log(vehicle: Vehicle, seed: int, noise: Noise | None = None, durat
         rotation.as_quat(scalar_first=True),
         motion[:, 10:] + noise.rate * random.standard_normal((count, 3)),
         motors * (1.0 + noise.motors * random.standard_normal((count, 4))),
-        True,
-        np.ones(count, bool),
+        has_speeds=True,
+        has_position=True,
+        valid=np.ones(count, bool),
     )
