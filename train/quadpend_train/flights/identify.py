@@ -43,7 +43,7 @@ _HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 8  # s, s; times in a window at which erro
 _BLOCKS = 30
 UNIDENTIFIED = 0.2  # relative standard deviation
 _PASSES = 2  # fits, between which the errors are scaled anew
-_STEP = 1e-3  # of derivatives, as a share of a quantity's size
+_STEP = 1e-4  # of forward differences, as a share of a quantity's size
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ class _Fit:
     def errors(self, values: dict[str, float]) -> Floats:
         """Return the scaled errors at the chosen times, shape (times, w, 12)."""
         vehicle, coefficient, delay = self.vehicle(values), values["thrust_coefficient"], values["delay"]
-        found = [errors(fly(each, vehicle, coefficient, delay), each)[self.at] for each in self.windows]
+        found = [errors(fly(each, vehicle, coefficient, delay), each, self.at) for each in self.windows]
         return np.asarray(np.concatenate(found, axis=1) / self.scales)
 
     def scale(self, values: dict[str, float]) -> None:
@@ -224,13 +224,9 @@ class _Fit:
 
     def jacobian(self, values: dict[str, float], names: Sequence[str]) -> Floats:
         """Return the derivatives of the errors by quantities in units of their sizes, shape (times, w, 12, k)."""
-        columns = []
-        for name in names:
-            low, high = ({**values, name: values[name] + sign * _STEP * self.sizes[name]} for sign in (-1.0, 1.0))
-            low[name] = max(low[name], QUANTITIES[name].low * self.sizes[name])
-            step = (high[name] - low[name]) / self.sizes[name]
-            columns.append((self.errors(high) - self.errors(low)) / step)
-        return np.stack(columns, axis=-1)
+        here = self.errors(values)
+        moved = (self.errors({**values, name: values[name] + _STEP * self.sizes[name]}) for name in names)
+        return np.stack([(there - here) / _STEP for there in moved], axis=-1)
 
     def solve(self, values: dict[str, float], names: Sequence[str] = tuple(QUANTITIES)) -> dict[str, float]:
         """Return the values that minimise the loss of the errors, beginning with these."""
@@ -245,8 +241,8 @@ class _Fit:
             lambda x: self.jacobian(full(x), names).reshape(-1, len(names)),
             bounds=bounds,
             loss="soft_l1",
-            xtol=1e-5,
-            ftol=1e-6,
+            xtol=1e-4,
+            ftol=1e-5,
             max_nfev=30,
         )
         return full(found.x)
@@ -283,6 +279,8 @@ def check_log(log: FlightLog, vehicle: Vehicle) -> None:
             f"the log {log.name!r} has body rates that are not those of its attitude: check the order of the quaternion"
             " (w, x, y, z; body to world), the frame, and the unit rad/s"
         )
+    if not axes or not np.ptp(log.motors):
+        return  # nothing turns the body
     rotors = rotors_of(vehicle)
     x, y, _ = np.array(rotors.positions).T
     expected = np.array([y, -x, np.array(rotors.spins, float)])

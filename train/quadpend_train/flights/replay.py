@@ -113,9 +113,12 @@ def _thrusts_at(first: Any, thrusts: Floats, lags: tuple[float, float], period: 
     return now
 
 
-def errors(motion: Any, windows: Windows) -> Any:
-    """Return motion minus log, shape (steps + 1, w, 12): position, velocity, attitude (rotation vector), body rate."""
-    log, at = windows.log, windows.samples
+def errors(motion: Any, windows: Windows, steps: Any = slice(None)) -> Any:
+    """Return motion minus log: position, velocity, attitude (rotation vector) and body rate, shape (steps + 1, w, 12).
+
+    `steps` selects steps of the windows.
+    """
+    log, at, motion = windows.log, windows.samples[steps], motion[steps]
     flown = Rotation.from_quat(motion[..., 6:10].reshape(-1, 4), scalar_first=True)
     logged = Rotation.from_quat(log.quaternion[at].reshape(-1, 4), scalar_first=True)
     attitude = (logged.inv() * flown).as_rotvec().reshape(*at.shape, 3)
