@@ -89,7 +89,13 @@ def simulated(vehicles: int, first: int = 0) -> pd.DataFrame:
         found = identify([simulated_log(vehicle, seed)], start)
         for name, estimate in found.estimates.items():
             low, high = estimate.interval
-            row = {"vehicle": seed, "base": vehicle.name, "quantity": name, "true": truth[name], "value": estimate.value}
+            row = {
+                "vehicle": seed,
+                "base": vehicle.name,
+                "quantity": name,
+                "true": truth[name],
+                "value": estimate.value,
+            }
             rows.append(row | {"low": low, "high": high, "identified": estimate.identified})
         print(pd.DataFrame(rows[-len(QUANTITIES) :]).to_string(), flush=True)
     return pd.DataFrame(rows)
@@ -125,7 +131,8 @@ def public(paths: list[Path], columns: Path, start: str) -> None:
                 for time in (0.1, 0.25, 0.5):
                     at = round(time / log.period)
                     new, old, held = (errors[name][channel][at] for name in ("identified", start, "held"))
-                    print(f"  on {log.name}: {channel} at {time:g} s: {new / old:.2f} of {start}, {new / held:.2f} of held")
+                    ratios = f"{new / old:.2f} of {start}, {new / held:.2f} of held"
+                    print(f"  on {log.name}: {channel} at {time:g} s: {ratios}")
 
 
 if __name__ == "__main__":

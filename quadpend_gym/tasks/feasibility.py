@@ -137,9 +137,7 @@ def _turning_checks(trajectory: Trajectory, simulation: Simulation, times: Float
     if rotors is None:
         text = "a torque of {{:.3g}} N·m about {} at {{:.2f}} s, but the largest is {:.3g} N·m"
         return checks + _by_axis(np.abs(torque), simulation.torque_limits, text)
-    earlier, thrusts, later = (
-        _rotor_thrusts(trajectory, simulation, times + h, side) for h in (-_STEP, 0.0, _STEP)
-    )
+    earlier, thrusts, later = (_rotor_thrusts(trajectory, simulation, times + h, side) for h in (-_STEP, 0.0, _STEP))
     slope = (later - earlier) / (2.0 * _STEP)
     commands = thrusts + np.where(slope > 0.0, *rotors.lags) * slope
     low, high = rotors.thrust

@@ -123,7 +123,9 @@ def test_a_trajectory_beyond_the_thrust_is_refused_with_time_and_number() -> Non
 
 def test_torques_body_rates_and_rotors_beyond_their_limits_are_refused() -> None:
     quick = Sinusoids(terms=[{"amplitude": (2e-5, 0, 0, 0), "frequency": (40.0, 1, 1, 1)}])
-    with pytest.raises(ValueError, match=r"needs a torque of .* N·m about roll or pitch at .* but the largest is 5 N·m"):
+    with pytest.raises(
+        ValueError, match=r"needs a torque of .* N·m about roll or pitch at .* but the largest is 5 N·m"
+    ):
         check_feasible(quick, Simulation())
     with pytest.raises(ValueError, match=r"needs a body rate command of .* rad/s about roll or pitch"):
         check_feasible(quick, Simulation(vehicle="hummingbird", interface="body_rates"))

@@ -140,4 +140,7 @@ def test_a_missing_reader_is_named_with_its_extra(
     monkeypatch.setitem(__import__("sys").modules, package, None)
     with pytest.raises(SystemExit):
         main(["replay", str(tmp_path / f"log{suffix}"), "--vehicle", "hummingbird"])
-    assert f"this command needs {package}, which is not installed: pip install 'quadpend-gym[logs]'" in capsys.readouterr().err
+    assert (
+        f"this command needs {package}, which is not installed: pip install 'quadpend-gym[logs]'"
+        in capsys.readouterr().err
+    )

@@ -12,7 +12,13 @@ from importlib import import_module
 from typing import Any
 
 _TRACEBACK = "--traceback"
-_EXTRAS = {"casadi": "mpc", "imageio": "view", "orangebox": "logs", "pyulog": "logs", "ray": "cluster"}  # of packages that are not in the extra train
+_EXTRAS = {
+    "casadi": "mpc",
+    "imageio": "view",
+    "orangebox": "logs",
+    "pyulog": "logs",
+    "ray": "cluster",
+}  # of packages that are not in the extra train
 _LONGEST = 4000  # characters of a sentence
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _received: list[int] = []  # signals that ended this command

@@ -110,7 +110,9 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     wanted = [columns.time, *columns.motors, *(name for names in vectors for name in names or ())]
     for column in wanted:
         if column not in table:
-            raise ValueError(f"the log {name!r} has no column {column!r}{suggest(column, list(table))}; name its columns")
+            raise ValueError(
+                f"the log {name!r} has no column {column!r}{suggest(column, list(table))}; name its columns"
+            )
     time = table[columns.time].to_numpy(float) * _SECONDS[columns.time_unit]
     numbers = table[wanted].to_numpy(float)
     since = time - time[0]

@@ -4,16 +4,16 @@ The vehicle flies the windows of the logs open loop (`replay`). A fit minimises 
 attitude and body rate at several times of a window, each divided by its root mean square, with a loss that is linear
 for large errors. Mass, gravity and the geometry of the rotors are known. From motions and motor numbers follow:
 
-| name                         | what the log shows                                                                        |
-|------------------------------|-------------------------------------------------------------------------------------------|
-| `thrust_coefficient`         | thrust per squared motor number: the mass times an acceleration                           |
-| `inertia_roll`, `_pitch`     | torque, which is arm times thrust, per angular acceleration                               |
-| `torque_per_thrust`          | only κ/I_z: the inertia of yaw is assumed, see below                                      |
-| `lag`, `delay`               | first-order lag of the thrusts, and how much later than the motors the motion is logged   |
-| `drag_x`, `_y`, `_z`         | drag per velocity along the body axes                                                     |
-| `drag_height`                | torque of this drag per force: where it acts above the centre of mass                     |
-| `angular_drag`, `_yaw`       | torque against the body rate, about x and y, and about z                                  |
-| `centre_x`, `centre_y`       | centre of mass in the frame of the rotors' positions, from the trim of the thrusts        |
+| name                   | what the log shows                                                                        |
+|------------------------|-------------------------------------------------------------------------------------------|
+| `thrust_coefficient`   | thrust per squared motor number: the mass times an acceleration                           |
+| `inertia_roll`, `_pitch` | torque, which is arm times thrust, per angular acceleration                               |
+| `torque_per_thrust`    | only κ/I_z: the inertia of yaw is assumed, see below                                      |
+| `lag`, `delay`         | first-order lag of the thrusts, and how much later than the motors the motion is logged   |
+| `drag_x`, `_y`, `_z`   | drag per velocity along the body axes                                                     |
+| `drag_height`          | torque of this drag per force: where it acts above the centre of mass                     |
+| `angular_drag`, `_yaw` | torque against the body rate, about x and y, and about z                                  |
+| `centre_x`, `centre_y` | centre of mass in the frame of the rotors' positions, from the trim of the thrusts        |
 
 The inertia of yaw keeps its ratio to the sum of the two others, which the start vehicle has.
 
@@ -300,5 +300,3 @@ def check_log(log: FlightLog, vehicle: Vehicle) -> None:
         )
     if np.corrcoef(slopes[2], expected[2])[0, 1] < -0.5 and np.ptp(slopes[2]) > 0.0:
         raise ValueError(f"the log {log.name!r} shows rotors that turn in the opposite sense: negate rotors.spins")
-
-

@@ -127,7 +127,7 @@ def errors(motion: Any, windows: Windows, steps: Any = slice(None)) -> Any:
 
 
 def rms(found: Any) -> dict[str, Floats]:
-    """Return the root mean square of the length of each error over the windows, SI units, each of shape (steps + 1,)."""
+    """Return the root mean square of the length of each error over the windows, SI units, shape (steps + 1,) each."""
     sizes = np.sqrt((found.reshape(*found.shape[:2], 4, 3) ** 2).sum(axis=-1).mean(axis=1))
     return dict(zip(CHANNELS, sizes.T, strict=True))
 

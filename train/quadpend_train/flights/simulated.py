@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.plants import RigidPlant
-from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST, advance_rigid
+from quadpend_gym.physics.rigid_settings import pack_rigid
 from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_gym.vehicles import RateLoop, Simulation, Vehicle, hover_thrusts, mixing, rotors_of
 from quadpend_train.flights.flight_log import FlightLog, derivative
@@ -58,28 +59,29 @@ def simulated_log(vehicle: Vehicle, seed: int, noise: Noise | None = None, durat
     view = State(state)
     view.direction[:, 2] = 1.0
     view.velocity[:] = manoeuvre(0.0)[1]
-    memory, still = plant.initial_memory(state), np.zeros((1, 9))
+    memory, still, packed = plant.initial_memory(state), np.zeros((1, 9)), pack_rigid(plant.simulation)
     parameters = plant.simulation.parameters.as_array()[np.newaxis]
     steps = round(duration / _CONTROL)
     flown, commands = np.empty((steps, 13)), np.empty((steps, 4))
     for step in range(steps):
         flown[step] = np.hstack([view.position[0], view.velocity[0], memory[0, :ROTOR_THRUST]])
-        attitude = Rotation.from_quat(memory[0, QUATERNION:BODY_RATE], scalar_first=True)
+        attitude = _matrix(*memory[0, QUATERNION:BODY_RATE].tolist())
         p, v, a, yaw = manoeuvre(step * _CONTROL)
         gain = 0.25 * speed
         lift = bare.mass * (a + weight + gain**2 * (p - view.position[0]) + 2.0 * gain * (v - view.velocity[0]))
-        z = lift / np.linalg.norm(lift)
-        y = np.cross(z, [np.cos(yaw), np.sin(yaw), 0.0])
-        y /= np.linalg.norm(y)
-        wanted = Rotation.from_matrix(np.column_stack([np.cross(y, z), y, z]))
-        error = (attitude.inv() * wanted).as_rotvec()
-        error[2] = np.clip(0.3 * error[2], -0.15, 0.15)
+        z = lift / np.sqrt(lift @ lift)
+        c, s = np.cos(yaw), np.sin(yaw)
+        y = np.array([-z[2] * s, z[2] * c, z[0] * s - z[1] * c])
+        y /= np.sqrt(y @ y)
+        m = attitude.T @ np.column_stack([np.cross(y, z), y, z])
+        error = 0.5 * np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+        error[2] = min(max(0.3 * error[2], -0.15), 0.15)
         turning = speed**2 * error - 2.0 * speed * np.array([1.0, 1.0, 0.5]) * memory[0, BODY_RATE:ROTOR_THRUST]
-        thrust = float(lift @ attitude.as_matrix()[:, 2])
-        commands[step] = np.clip(unmix @ np.append(thrust, inertia @ turning), low, high)
+        wrench = np.append(lift @ attitude[:, 2], inertia @ turning)
+        commands[step] = (unmix @ wrench).clip(low, high)
         gap = commands[step] - hover
         action = np.where(gap > 0.0, gap / (high - hover), gap / (hover - low))
-        plant.advance(state, memory, action[np.newaxis], still.copy(), parameters)
+        advance_rigid(state, memory, action[None], action[None], still, parameters, packed, _CONTROL, 1, 0)
     every = round(1.0 / (noise.rate_of_log * _CONTROL))
     late = round(noise.delay / _CONTROL)
     motion, motors = flown[: steps - late : every], np.sqrt(commands[late::every] / rotors.thrust_coefficient)
@@ -98,4 +100,15 @@ def simulated_log(vehicle: Vehicle, seed: int, noise: Noise | None = None, durat
         has_speeds=True,
         has_position=True,
         valid=np.ones(count, bool),
+    )
+
+
+def _matrix(w: float, x: float, y: float, z: float) -> Floats:
+    """Return the rotation matrix of a quaternion."""
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
     )
