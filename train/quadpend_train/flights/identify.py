@@ -43,6 +43,7 @@ _HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 8  # s, s; times in a window at which erro
 _BLOCKS = 30
 UNIDENTIFIED = 0.2  # relative standard deviation
 _PASSES = 2  # fits, between which the errors are scaled anew
+_YAWING = 0.3  # rad/s: standard deviation of a yaw rate that shows the sense of the rotors
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
 
 
@@ -298,5 +299,5 @@ def check_log(log: FlightLog, vehicle: Vehicle) -> None:
             f"the log {log.name!r} has its motors in another order than the vehicle has its rotors: rotors 1 to 4 turn"
             f" the body like columns {', '.join(str(i + 1) for i in best)} of the present list of motors"
         )
-    if np.corrcoef(slopes[2], expected[2])[0, 1] < -0.5 and np.ptp(slopes[2]) > 0.0:
+    if rate[:, 2].std() > _YAWING and np.corrcoef(slopes[2], expected[2])[0, 1] < -0.5:
         raise ValueError(f"the log {log.name!r} shows rotors that turn in the opposite sense: negate rotors.spins")
