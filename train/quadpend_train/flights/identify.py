@@ -41,7 +41,7 @@ from quadpend_train.flights.replay import Windows, errors, fly, hover_coefficien
 TRAINING = 0.7  # share of each log for the fit; the rest is held out
 _HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 8  # s, s; times in a window at which errors count
 _BLOCKS = 30
-UNIDENTIFIED = 0.2  # relative standard deviation
+UNIDENTIFIED, _BLIND = 0.2, 1.0  # relative standard deviations; beyond the second, the value of the start is better
 _PASSES = 2  # fits, between which the errors are scaled anew
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
 
@@ -78,13 +78,14 @@ _FROM_ZERO = ("delay", "drag_height", "centre_x", "centre_y")  # may be zero: th
 
 @dataclass(frozen=True)
 class Estimate:
-    """A quantity: its value, standard deviation, 95 % interval, and whether the log shows it."""
+    """A quantity: value, standard deviation, 95 % interval, whether the log shows it, and whether it says nothing."""
 
     name: str
     value: float
     deviation: float
     interval: tuple[float, float]
     identified: bool
+    blind: bool
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class Identification:
     """Result of `identify`.
 
     Attributes:
-        vehicle: The vehicle; unidentified quantities have the values of the start vehicle, except the delay.
+        vehicle: The vehicle; quantities about which the log says nothing have the values of the start vehicle.
         coefficient: Thrust per squared motor number, N.
         delay: Time by which the motion is logged later than the motors, s.
         estimates: All quantities by name.
@@ -138,7 +139,7 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
         fit.scale(values)
         values = fit.solve(values)
     estimates = fit.estimates(values)
-    if hidden := [name for name, found in estimates.items() if not found.identified and name != "delay"]:
+    if hidden := [name for name, found in estimates.items() if found.blind and name != "delay"]:
         fixed = {name: fit.known[name] for name in hidden}  # again, with what the log does not show as in the start
         values = fit.solve({**values, **fixed}, [name for name in values if name not in hidden])
         shown = fit.estimates(values, [name for name in values if name not in hidden])
@@ -264,8 +265,9 @@ class _Fit:
             value, size, quantity = values[name], self.sizes[name], QUANTITIES[name]
             d = deviation * size
             at_bound = not quantity.low * 1.01 * size < value < quantity.high * 0.99 * size
-            known = d < UNIDENTIFIED * (size if name in _FROM_ZERO else abs(value)) and not at_bound
-            out[name] = Estimate(name, value, d, (value - reach * d, value + reach * d), known)
+            share = d / (size if name in _FROM_ZERO else abs(value))
+            interval = value - reach * d, value + reach * d
+            out[name] = Estimate(name, value, d, interval, share < UNIDENTIFIED and not at_bound, share > _BLIND)
         return out
 
 

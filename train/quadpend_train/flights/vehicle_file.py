@@ -32,8 +32,7 @@ def vehicle_text(found: Identification, start: Vehicle) -> str:
     logs, given = ", ".join(log.name for log in found.fitted), f"as {start.name}"
 
     def source(*names: str) -> str:
-        parts = [_interval(estimates[name]) for name in names]
-        return "; ".join(parts) if any(estimates[name].identified for name in names) else f"{given}: not identified"
+        return "; ".join(_interval(estimates[name]) for name in names)
 
     inertia = np.diag(vehicle.inertia_matrix).tolist()
     extent = f", extent = {pole.extent:g}" if pole.extent else ""
