@@ -67,7 +67,7 @@ QUANTITIES = {
     "drag_x": Quantity("N·s/m", 0.0, 20.0, _SPEED),
     "drag_y": Quantity("N·s/m", 0.0, 20.0, _SPEED),
     "drag_z": Quantity("N·s/m", 0.0, 20.0, "fast climbs and descents"),
-    "drag_height": Quantity("m", -3.0, 3.0, _SPEED),
+    "drag_height": Quantity("m", -6.0, 6.0, _SPEED),
     "angular_drag": Quantity("N·m·s/rad", 0.0, 50.0, _TURN),
     "angular_drag_yaw": Quantity("N·m·s/rad", 0.0, 50.0, "long turns about the vertical"),
     "centre_x": Quantity("m", -0.5, 0.5, "hover"),
@@ -265,7 +265,7 @@ class _Fit:
             value, size, quantity = values[name], self.sizes[name], QUANTITIES[name]
             d = deviation * size
             at_bound = not quantity.low * 1.01 * size < value < quantity.high * 0.99 * size
-            share = d / (size if name in _FROM_ZERO else abs(value))
+            share = d / max(abs(value), size if name in _FROM_ZERO else 0.0)
             interval = value - reach * d, value + reach * d
             out[name] = Estimate(name, value, d, interval, share < UNIDENTIFIED and not at_bound, share > _BLIND)
         return out
