@@ -44,7 +44,7 @@ def test_a_replay_of_an_exact_log_repeats_it() -> None:
     log = simulated_log(vehicle, 0, EXACT, duration=4.0)
     windows = windows_of(log, 0.5, 0.1)
     motion = fly(windows, vehicle, vehicle.rotors.thrust_coefficient, delay=0.5 * log.period)  # type: ignore[union-attr]
-    assert np.abs(errors(motion, windows)[-1, :, 6:9]).max() < 1e-3  # rad
+    assert np.abs(errors(motion, windows)[-1, :, 6:9]).max() < 5e-3  # rad; the velocities of the log are smoothed
 
 
 def test_a_log_survives_its_csv_file(log: FlightLog, tmp_path: Path) -> None:
