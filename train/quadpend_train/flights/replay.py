@@ -75,7 +75,8 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
     """
     log, lags = windows.log, rotors_of(vehicle).lags
     low, high = rotors_of(vehicle).thrust
-    substeps = int(np.ceil(log.period / _LONGEST_STEP))
+    damping = float((np.array(vehicle.drag.angular) / np.diag(vehicle.inertia_matrix)).max())  # 1/s
+    substeps = int(np.ceil(log.period * max(1.0 / _LONGEST_STEP, 1.01 * damping)))
     slow = replace(vehicle, rate_loop=RateLoop(time_constant=1.0))  # it does not act here
     simulation = Simulation(vehicle=slow, interface="rotors", period=log.period, substeps=substeps)
     plant, hover = RigidPlant(simulation), hover_thrusts(slow)
