@@ -70,7 +70,7 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
     factors = {path: rate**exponent for path, exponent in EXPONENTS.get(type(gains), {}).items()}
     if isinstance(gains, EstimatorGains):
         factors["force_walk"] = rate**0.5 * other.hover_thrust / tuned.hover_thrust
-        factors["bob_force_walk"] = rate**0.5 * other.bob_mass / tuned.bob_mass
+        factors["bob_force_walk"] = factors["gust_walk"] = rate**0.5 * other.bob_mass / tuned.bob_mass
         factors["torque_walk"] = rate**2.5 * other.inertia_roll / tuned.inertia_roll
         factors["torque_noise"] = rate**1.5 * other.inertia_roll / tuned.inertia_roll
     if isinstance(gains, MppiGains):

@@ -8,7 +8,13 @@ The extended states d are the forces on quadrotor and bob and the torque, modell
 is that of the simulation itself, with nominal parameters. L is the gain of the Kalman filter for model (1) of
 `linear_model`, rotated by the yaw angle; the torque on a rigid vehicle is a vector of the world frame. The gain varies
 over the first steps of an episode, when the forces and, in output feedback, the rates are unknown; after that it is
-constant.
+constant, or with `gust_walk`
+
+    (4)  L = L_calm + s (L_gust − L_calm),     s = min(|d̂_b|²/(0.02 m_b g)², 1)
+
+where d̂_b is the horizontal force on the bob that was estimated before. In turbulence this force fluctuates. Where only
+the vehicle is pushed, a filter that expects such fluctuations amplifies the noise of the direction. Drag and constant
+wind on the bob raise s too. Between both gains, L is the gain of no Kalman filter, and stability is not proven.
 
 μ̂ is an effective ratio of weight to thrust, relative to the nominal one. Equation (3) attributes every lasting vertical
 force to it: other masses, but also slow vertical wind and errors of the thrust. At hover these cannot be distinguished,
@@ -113,6 +119,7 @@ _NAN = float("nan")
 _VARYING_STEPS = 100  # corrections after which the gain is constant
 _MAX_ESTIMATE = 300.0  # SI units, limit of disturbance estimates; a larger state estimate restarts the observer
 _LEAST_MASS, _GREATEST_MASS = 0.5, 2.0  # bounds of μ̂
+_GUST = 0.02  # force on the bob above which equation (4) has the gain of strong wind, share of its weight
 _MODEL_PARTS = linear_model.MODEL_FORCE, linear_model.MODEL_BOB_FORCE, linear_model.MODEL_TORQUE
 _FORCE, _BOB_FORCE, _TORQUE = (MODEL_STATE_SIZE + part.start for part in _MODEL_PARTS)
 # Columns of x that output feedback measures
@@ -500,25 +507,33 @@ def correct(
 ) -> None:
     """Correct a predicted estimate in place by equations (2) and (3).
 
-    The gain L has the shape (24, 16), and the buffer at least (24, 1); `mass_share` is ε of equation (3).
+    The gain L has the shape (24, 16), or (24, 32) with L_gust − L_calm of equation (4) behind L_calm. The buffer has at
+    least the shape (24, 1); `mass_share` is ε of equation (3).
     """
     predicted = load_state(memory, STATE, lane)
     innovation = combine(-1.0, predicted, measured if has_rates else with_rates(measured, predicted))
     store_vectors(memory, INNOVATION, lane, innovation)
     sine, cosine = sincos(predicted.euler.z)
-    x = model_state(innovation, -sine, cosine)
+    x, d = model_state(innovation, -sine, cosine), load_forces(memory, DISTURBANCE, lane)
     for i in range(gain.shape[0]):
         total = 0.0
         for j in range(MODEL_STATE_SIZE):
             total += gain[i, j] * x[j]
         buffer[i, 0] = total
+    if gain.shape[1] > MODEL_STATE_SIZE:
+        limit = _GUST * p.bob_mass * p.gravity
+        share = min((d.bob_force.x * d.bob_force.x + d.bob_force.y * d.bob_force.y) / (limit * limit), 1.0)
+        for i in range(gain.shape[0]):
+            total = 0.0
+            for j in range(MODEL_STATE_SIZE):
+                total += gain[i, MODEL_STATE_SIZE + j] * x[j]
+            buffer[i, 0] += share * total
     state = project_direction(combine(1.0, state_of_model(buffer, sine, cosine), predicted))
     store_vectors(memory, STATE, lane, state)
     force, bob_force = turn3(load(buffer, _FORCE, 0), sine, cosine), turn3(load(buffer, _BOB_FORCE, 0), sine, cosine)
     torque = load(buffer, _TORQUE, 0)
     if rigid is not None:  # a vector of the world frame
         torque = turn3(torque, sine, cosine)
-    d = load_forces(memory, DISTURBANCE, lane)
     force_z, ratio = _bounded(d.force.z + force.z), memory[MASS_RATIO, lane]
     weight = (p.quadrotor_mass + p.bob_mass) * p.gravity
     memory[MASS_RATIO, lane] = min(max(ratio - mass_share * force_z / weight, _LEAST_MASS), _GREATEST_MASS)
@@ -597,9 +612,22 @@ class Estimator:
         return float(-np.expm1(-self.simulation.period / time)) if time else 0.0, *self.prediction.numbers
 
     @cached_property
-    def _tables(self) -> tuple[Floats, Floats]:
-        """The gains without and with measured rates."""
-        return gain_table(self.gains, self.simulation, False), gain_table(self.gains, self.simulation, True)
+    def tables(self) -> tuple[Floats, Floats]:
+        """The gains of the first 100 corrections without and with measured rates, shapes (100, 24, k), see `correct`.
+
+        All later corrections use the last one.
+        """
+        gains, gust = self.gains, self.gains.gust_walk
+        noise = self.loop.noise if gains.models_loop else (0.0, 0.0, 0.0)
+
+        def table(has_rates: bool) -> Floats:
+            calm = _gain_table(gains, self.simulation, has_rates, noise)
+            if gust == 0.0:
+                return calm
+            windy = _gain_table(replace(gains, bob_force_walk=gust), self.simulation, has_rates, noise)
+            return np.concatenate([calm, windy - calm], axis=2)
+
+        return table(False), table(True)
 
     def observe(
         self,
@@ -622,16 +650,18 @@ class Estimator:
             before, action, started = Estimate(out), np.empty((rows, ACTION_SIZE), np.float32), np.ones(rows, np.bool_)
         elif started is None:
             started = np.zeros(rows, np.bool_)
-        table = self._tables[not np.isnan(measurement.state[0, VELOCITY])]
+        table = self.tables[not np.isnan(measurement.state[0, VELOCITY])]
         _observe((before.array, action, started), measurement.array, table, *self.numbers, out)
         return Estimate(out)
 
 
 @lru_cache(maxsize=32)
-def gain_table(gains: EstimatorGains, simulation: Simulation, has_rates: bool) -> Floats:
-    """Return L of equation (2) for the first 100 corrections; all later corrections use the last one.
+def _gain_table(
+    gains: EstimatorGains, simulation: Simulation, has_rates: bool, known_noise: tuple[float, float, float]
+) -> Floats:
+    """Return L of equation (2) for the first 100 corrections, shape (100, 24, 16).
 
-    The shape is (100, 24, 16); columns of rates that are not measured are zero.
+    Columns of rates that are not measured are zero.
     """
     model = linearise_actions(simulation) if gains.models_loop else linearise(simulation)
     states = len(model.transition)  # with the thrusts of the rotors, which are not corrected
@@ -644,7 +674,9 @@ def gain_table(gains: EstimatorGains, simulation: Simulation, has_rates: bool) -
     by_torque = gains.torque_noise * model.disturbance[:, linear_model.MODEL_TORQUE]
     process[is_state, is_state] += by_torque @ by_torque.T / simulation.period
     noise = np.empty(MODEL_STATE_SIZE)
-    noise[_MEASURED_COLUMNS] = gains.noise**2
+    fields = linear_model.POSITION, linear_model.EULER, linear_model.PENDULUM
+    for columns, known in zip(fields, known_noise, strict=True):
+        noise[columns] = max(gains.noise, known) ** 2
     is_rate = np.setdiff1d(np.arange(MODEL_STATE_SIZE), _MEASURED_COLUMNS)
     noise[is_rate] = gains.rate_noise**2
     measured = np.arange(MODEL_STATE_SIZE) if has_rates else _MEASURED_COLUMNS

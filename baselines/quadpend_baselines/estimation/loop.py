@@ -24,7 +24,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.sensors import Delay
+from quadpend_gym.sensors import Delay, Noise
 
 LAG, LIMIT = 0.0, 1.0  # kinds of actuators in `Loop.numbers`
 FASTEST_LAG = 0.02  # s, T': faster ones amplify noise, slower ones track less well; measured with `flatness`
@@ -38,26 +38,35 @@ class Loop:
         delay: Control steps from the choice of an action to the step in which it begins to act, by the actuators.
         actuators: Models of the types `MotorLag` and `RateLimit`, in the order in which they act after the delay.
         sensor_delay: Control steps from a state to its measurement.
+        noise: Standard deviations of the white noise of position (m), Euler angles (rad) and direction (rad).
     """
 
     delay: int = 0
     actuators: tuple[Any, ...] = ()
     sensor_delay: int = 0
+    noise: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
     def of(cls, sensors: Iterable[Any] = (), actuators: Iterable[Any] = ()) -> "Loop":
-        """Return the known part of a loop; other models of sensors and actuators, such as noise, are left out.
+        """Return the known part of a loop; other models of sensors and actuators, such as biases, are left out.
 
         With `Rotors`, delays and lags act on the thrusts of the rotors, which is the same as on thrust and torques;
         rate limits are then left out.
         """
-        models = tuple(actuators)
+        models, sensors = tuple(actuators), tuple(sensors)
+        noise = np.zeros(3)
+        for model in sensors:
+            if isinstance(model, Noise):
+                a, b = model.level or (1.0, 1.0)
+                white = np.array([model.position.white, model.euler.white, model.direction.white])
+                noise += white**2 * (a * a + a * b + b * b) / 3.0
         mixed = any(isinstance(model, Rotors) for model in models)
         known = MotorLag if mixed else MotorLag | RateLimit
         return cls(
             sum(model.steps for model in models if isinstance(model, ActionDelay)),
             tuple(model for model in models if isinstance(model, known)),
             sum(model.steps for model in sensors if isinstance(model, Delay)),
+            tuple(np.sqrt(noise).tolist()),
         )
 
     @classmethod

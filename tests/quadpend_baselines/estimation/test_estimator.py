@@ -1,5 +1,6 @@
 """Estimator: exact in calm air, convergence to constant disturbances, Kalman gain, symmetry, and bounded estimates."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,11 +16,13 @@ from quadpend_baselines.estimation.estimator import (
     measurement_from_observation,
     observation_of,
 )
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import GAINS, EstimatorGains, FlatnessGains
 from quadpend_baselines.modelling.linear_model import (
     DISTURBANCE_COLUMNS,
     EULER_RATE,
     MODEL_STATE_SIZE,
+    PENDULUM,
     PENDULUM_RATE,
     VELOCITY,
     linearise,
@@ -28,6 +31,7 @@ from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import PAPER, Parameters, Reference, Simulation, StartSettings, Task
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
+from quadpend_gym.sensors import Noise
 from tests.helpers.controllers import (
     CALM,
     disturbance_of,
@@ -112,6 +116,36 @@ def test_constant_disturbances_are_estimated_and_distinguished(only: slice, has_
     assert_allclose(estimated[-1].state, recording[-1][0].state, atol=1e-10)
 
 
+def test_the_gain_of_strong_wind_applies_where_the_bob_is_pushed() -> None:
+    """Below it is the one of calm air, and in between the mean of both, weighed by the square of the force."""
+    recording = record(CIRCLE, tuple(WIND))
+    calm, gust = FAST, replace(FAST, bob_force_walk=2.0)
+    (measurement, _), (after, command) = recording[:2]
+    limit = 0.02 * PAPER.bob_mass * PAPER.gravity
+
+    def correction(gains: EstimatorGains, force: float) -> Floats:
+        observer = Estimator(gains, simulation_of(PAPER))
+        before = observer.observe(measurement)
+        before.disturbance[:, 3] = force
+        return observer.observe(after, before, to_action(command, observer.simulation)).array
+
+    both = replace(FAST, gust_walk=2.0)
+    assert_array_equal(correction(both, 0.0), correction(calm, 0.0))
+    assert_allclose(correction(both, 1.5 * limit), correction(gust, 1.5 * limit), atol=1e-12)
+    mean = 0.75 * correction(calm, 0.5 * limit) + 0.25 * correction(gust, 0.5 * limit)
+    force = slice(estimator.DISTURBANCE, estimator.REFERENCE)
+    assert_allclose(correction(both, 0.5 * limit)[:, force], mean[:, force], atol=1e-12)
+
+
+def test_the_known_noise_of_a_scenario_lowers_the_gain_where_it_is_larger() -> None:
+    gains, simulation = replace(FAST, models_loop=True), simulation_of(PAPER)
+    quiet, known = Estimator(gains, simulation), Loop.of([Noise(position=1e-4, direction=0.01, level=(1.0, 3.0))])
+    assert_array_equal(Estimator(FAST, simulation, known).tables[0], Estimator(FAST, simulation).tables[0])
+    before, noisy = quiet.tables[0][-1], Estimator(gains, simulation, known).tables[0][-1]
+    assert noisy[PENDULUM, PENDULUM].trace() < 0.5 * before[PENDULUM, PENDULUM].trace()
+    assert_allclose(known.noise, [1e-4 * np.sqrt(13.0 / 3.0), 0.0, 0.01 * np.sqrt(13.0 / 3.0)])
+
+
 @every_gain
 @every_measurement
 def test_gain_converges_to_that_of_the_steady_kalman_filter_and_is_stable(
@@ -130,7 +164,7 @@ def test_gain_converges_to_that_of_the_steady_kalman_filter_and_is_stable(
     output, noise = np.eye(size)[:MODEL_STATE_SIZE][measured], np.diag(noise[measured])
     covariance = solve_discrete_are(transition.T, output.T, process, noise)
     steady = covariance @ output.T @ np.linalg.inv(output @ covariance @ output.T + noise)
-    gain = estimator.gain_table(gains, Simulation(), has_rates)[-1][:, measured]
+    gain = Estimator(gains, Simulation()).tables[has_rates][-1][:, measured]
     assert np.linalg.norm(gain - steady) < 0.1 * np.linalg.norm(steady)
     error = (np.eye(len(transition)) - gain @ output) @ transition
     assert np.abs(np.linalg.eigvals(error)).max() < 0.99

@@ -18,7 +18,7 @@ from quadpend_gym.sensors import Noise
 from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.wind import OrnsteinUhlenbeck
 
-BREEZE = 0.0222  # share of the weight: 0.12 N for the vehicle of the flight benchmark
+BREEZE = 0.02224  # share of the weight: 0.12 N for the vehicle of the flight benchmark
 
 
 def _white(model: Noise) -> Noise:

@@ -56,7 +56,6 @@ from quadpend_gym.tasks.observation import (
 from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
-MEASURED = estimator._MEASURED_COLUMNS
 _HIGHEST = 1e30  # in place of infinity in the limits of observers
 
 
@@ -157,6 +156,7 @@ def _observer(base: OutputFeedback) -> Program:
     """Return the Kalman observer, without a control law."""
     found, size = base.estimator, base.estimator.size
     share, packed, packed_rigid = found.numbers
+    used = found.tables[0].any(axis=0)
     loop, rigid = lift(estimator.unpack_loop)(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
     pendulum = loop.plant.pendulum
     functions, names = _parts(found.prediction, size)
@@ -171,8 +171,8 @@ def _observer(base: OutputFeedback) -> Program:
         return {"memory": vector(memory)}
 
     def correct(memory: Any, observed: Any, gain: Any) -> dict[str, Any]:
-        given, after, buffer = np.zeros((24, 16), object), columns(memory), np.empty((24, 1), object)
-        given[:, MEASURED] = columns(gain).reshape(24, MEASURED.size)
+        given, after, buffer = np.zeros(used.shape, object), columns(memory), np.empty((24, 1), object)
+        given[used] = ca.vertsplit(gain)
         lift(estimator.correct)(after, 0, *measured(observed), given, share, pendulum.vehicle, rigid, buffer)
         return {"next": vector(after)}
 
@@ -183,7 +183,7 @@ def _observer(base: OutputFeedback) -> Program:
 
     functions["begin"] = _function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)
     functions["miss"] = _function("miss", miss, memory=size, observed=OUTPUT_FEEDBACK_SIZE)
-    sizes = {"memory": size, "observed": OUTPUT_FEEDBACK_SIZE, "gain": 24 * MEASURED.size}
+    sizes = {"memory": size, "observed": OUTPUT_FEEDBACK_SIZE, "gain": int(used.sum())}
     functions["correct"] = _function("correct", correct, **sizes)
     return Program(functions, names, size, 0, size, STATE_SIZE, estimator._MAX_ESTIMATE)
 

@@ -25,7 +25,7 @@ from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_gym.sensors import Delay
 from quadpend_train.common.files import atomic
-from quadpend_train.export.program import MEASURED, program
+from quadpend_train.export.program import program
 from quadpend_train.policies.compiled import samples_of
 from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
 from quadpend_train.policies.mlp_policy import MlpPolicy
@@ -133,8 +133,8 @@ def _adapted(policy: Policy, name: str, scenario: Scenario) -> Any:
     if isinstance(inner, MlpPolicy):
         setattr(inner, "forward", _double_forward(inner))  # noqa: B010
     if (observer := _observer(inner)) is not None:
-        thinned = tuple(table[_gain_rows(len(table))] for table in observer._tables)
-        observer.__dict__["_tables"] = thinned
+        thinned = tuple(table[_gain_rows(len(table))] for table in observer.tables)
+        observer.__dict__["tables"] = thinned
     return adapted
 
 
@@ -173,8 +173,8 @@ def _gain_rows(steps: int) -> Any:
 
 
 def _gain_tables(observer: Estimator) -> str:
-    table = observer._tables[0][list(_GAIN_STEPS)][:, :, MEASURED]
-    rows = np.searchsorted(_GAIN_STEPS, _gain_rows(len(observer._tables[0])))
+    every = observer.tables[0]
+    table, rows = every[:, every.any(axis=0)][list(_GAIN_STEPS)], np.searchsorted(_GAIN_STEPS, _gain_rows(len(every)))
     return (
         f"static const unsigned char gain_rows[{len(rows)}] = {{\n{_lines(map(str, rows))}}};\n"
         f"static const real gains[{len(table)}][{table[0].size}] = {{\n"

@@ -57,8 +57,8 @@ SEARCH_SPACES, HUMMINGBIRD_SPACES = (
 class Search:
     """A search for the gains of a controller, with `episodes` in each scenario.
 
-    The losses of the scenarios are averaged, with `geometric` by the geometric mean: then a tenth less error counts as
-    much in a calm scenario as in a hard one. The flight benchmark ranks by this mean.
+    With `geometric`, the loss is the geometric mean of the errors of the scenarios, and 1 to 2 m times the share of
+    falls. So a tenth less error counts as much in a calm scenario as in a hard one.
     """
 
     def __init__(
@@ -110,9 +110,11 @@ class Search:
             return 1000.0 * (2.0 + missing)
         found = fly(policy, self.env, [*self.scenarios.values()], TUNING_SEED)
         remaining = 1.0 - found.steps / found.error.shape[-1]
-        losses = found.penalised_rmse + np.where(found.survived, 0.0, remaining)
-        losses = losses.reshape(len(self.scenarios), -1).mean(axis=1)
-        return 1000.0 * float(np.exp(np.mean(np.log(losses))) if self.geometric else np.mean(losses))
+        falls = np.where(found.survived, 0.0, remaining)
+        if not self.geometric:
+            return 1000.0 * float(np.mean(found.penalised_rmse + falls))
+        errors = found.penalised_rmse.reshape(len(self.scenarios), -1).mean(axis=1)
+        return 1000.0 * float(np.exp(np.mean(np.log(errors))) + np.mean(~found.survived + falls))
 
     def _missing_margin(self, policy: Policy) -> float:
         """Return the share of the delay margin that the design lacks in the first scenario's loop at hover."""

@@ -31,7 +31,6 @@ from quadpend_baselines.estimation.estimator import (
     advance,
     carry_forward,
     correct,
-    gain_table,
     measure,
     unpack_loop,
 )
@@ -93,7 +92,7 @@ class _Gains(NamedTuple):
 @lru_cache(maxsize=32)
 def _gains(observer: Observer) -> _Gains:
     estimator: Any = observer.estimator
-    table = gain_table(estimator.gains, estimator.simulation, observer.has_rates)
+    table = estimator.tables[observer.has_rates]
     used = table.any(axis=0)
     return _Gains(table[:, used], used)
 
