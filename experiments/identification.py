@@ -10,6 +10,7 @@ data/real/processed/train), which states no licence, so they are not part of thi
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -40,8 +41,9 @@ def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
     arm, coefficient = float(np.abs(positions).max()), rotors.thrust_coefficient or 5e-6 * mass
     roll, pitch, yaw = np.diag(base.inertia_matrix).tolist()
     centre = np.append(0.03 * arm * random.uniform(-1.0, 1.0, 2), 0.0)
+    moved: Any = tuple(map(tuple, positions - centre))
     inertia = roll * factor(0.3), pitch * factor(0.3)
-    drag = tuple(0.4 * mass * factor(0.5) for _ in range(3))
+    drag = 0.4 * mass * factor(0.5), 0.4 * mass * factor(0.5), 0.4 * mass * factor(0.5)
     slow = replace(base.rate_loop, time_constant=0.1)
     start = replace(base, rotors=replace(rotors, thrust_coefficient=coefficient), rate_loop=slow)
     truth = {
@@ -63,7 +65,7 @@ def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
         inertia=(*inertia, sum(inertia) * yaw / (roll + pitch)),
         rotors=replace(
             rotors,
-            positions=tuple(map(tuple, positions - centre)),
+            positions=moved,
             thrust=(0.02 * rotors.thrust[1], 1.3 * rotors.thrust[1]),
             torque_per_thrust=truth["torque_per_thrust"],
             lag_up=truth["lag"],

@@ -50,7 +50,8 @@ def named_scenarios(
     found = find_scenarios(scenarios)
     if vehicle is not None or interface is not None:
         found = find_scenarios(scenario.with_vehicle(vehicle, interface) for scenario in found.values())
-    for name, sentence in {(each.vehicle.name, doubt) for each in found.values() for doubt in doubts(each.simulation)}:
+    known = {(each.vehicle.name, doubt) for each in found.values() for doubt in doubts(each.simulation)}
+    for name, sentence in sorted(known):
         print(f"Warning: vehicle {name}: {sentence}.", file=sys.stderr)
     firmware = as_autopilot(autopilot)
     if firmware is None:

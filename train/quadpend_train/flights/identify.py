@@ -186,6 +186,7 @@ class _Fit:
         roll, pitch, yaw = np.diag(base.inertia_matrix).tolist()
         inertia = v["inertia_roll"], v["inertia_pitch"]
         centre = np.array([v["centre_x"], v["centre_y"], 0.0])
+        positions: Any = tuple(map(tuple, np.array(rotors.positions) - centre))
         log = self.windows[0].log
         most = v["thrust_coefficient"] * max(float(each.log.motors.max()) for each in self.windows) ** 2
         return replace(
@@ -193,7 +194,7 @@ class _Fit:
             inertia=(*inertia, sum(inertia) * yaw / (roll + pitch)),
             rotors=replace(
                 rotors,
-                positions=tuple(map(tuple, np.array(rotors.positions) - centre)),
+                positions=positions,
                 torque_per_thrust=v["torque_per_thrust"],
                 lag_up=v["lag"],
                 lag_down=None,
@@ -232,15 +233,21 @@ class _Fit:
     def solve(self, values: dict[str, float], names: Sequence[str] = tuple(QUANTITIES)) -> dict[str, float]:
         """Return the values that minimise the loss of the errors, beginning with these."""
 
-        def full(x: Floats) -> dict[str, float]:
+        def full(x: Any) -> dict[str, float]:
             return values | {name: float(a) * self.sizes[name] for name, a in zip(names, x, strict=True)}
 
-        bounds = np.array([(QUANTITIES[name].low, QUANTITIES[name].high) for name in names]).T
+        def function(x: Any) -> Any:
+            return self.errors(full(x)).ravel()
+
+        def slopes(x: Any) -> Any:
+            return self.jacobian(full(x), names).reshape(-1, len(names))
+
+        bounds: Any = np.array([(QUANTITIES[name].low, QUANTITIES[name].high) for name in names]).T
         found = least_squares(
-            lambda x: self.errors(full(x)).ravel(),
+            function,
             np.clip([values[name] / self.sizes[name] for name in names], bounds[0] + 1e-6, bounds[1] - 1e-6),
-            lambda x: self.jacobian(full(x), names).reshape(-1, len(names)),
-            bounds=bounds,
+            slopes,
+            bounds=(bounds[0], bounds[1]),
             loss="soft_l1",
             xtol=1e-4,
             ftol=1e-5,

@@ -103,7 +103,7 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
     return out
 
 
-def _thrusts_at(first: Any, thrusts: Floats, lags: tuple[float, float], period: float) -> Floats:
+def _thrusts_at(first: Any, thrusts: Any, lags: tuple[float, float], period: float) -> Any:
     """Return the thrusts of the rotors at the samples `first`, shape (w, 4), after `_WARM_UP` lags."""
     back = min(int(first[0]), int(np.ceil(_WARM_UP * max(lags) / period)))
     up, down = (np.exp(-period / lag) if lag > 0.0 else 0.0 for lag in lags)
@@ -160,13 +160,14 @@ def compare(
     A vehicle without `rotors.thrust_coefficient`, or a log without speeds, takes the coefficient that explains the
     log's vertical motion. ``"time"`` has the times in s.
     """
-    windows, out = windows_of(log, horizon, 0.05), {}
+    windows, out = windows_of(log, horizon, 0.05), dict[str, dict[str, Floats]]()
     for name, vehicle in vehicles.items():
         known = rotors_of(vehicle).thrust_coefficient if log.has_speeds else None
         coefficient = known or hover_coefficient(log, vehicle.mass, vehicle.gravity)
         out[name] = rms(errors(fly(windows, without_pole(vehicle), coefficient, delay), windows))
     out["held"] = rms(errors(held(windows), windows))
-    return {name: {"time": log.period * np.arange(windows.steps + 1), **found} for name, found in out.items()}
+    times = np.asarray(log.period * np.arange(windows.steps + 1), float)
+    return {name: {"time": times, **found} for name, found in out.items()}
 
 
 def table(found: dict[str, dict[str, Floats]]) -> str:
