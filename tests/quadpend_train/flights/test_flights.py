@@ -26,7 +26,7 @@ EXACT = Noise(position=0.0, attitude=0.0, rate=0.0, motors=0.0, delay=0.0, rate_
 
 @pytest.fixture(scope="module")
 def log() -> FlightLog:
-    return simulated_log(random_vehicle(SEED)[0], SEED, duration=20.0)
+    return simulated_log(random_vehicle(SEED)[0], SEED, duration=16.0)
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_the_identified_vehicle_predicts_the_held_out_part_better_than_its_start
 
 
 def test_what_the_log_does_not_show_is_named_with_a_manoeuvre(log: FlightLog) -> None:
-    log = log.part(0.0, 0.3)
+    log = log.part(0.0, 0.35)
     hover = replace(
         log,
         position=0.0 * log.position,

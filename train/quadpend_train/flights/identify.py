@@ -1,8 +1,9 @@
 """Identification of a vehicle from flight logs by output-error fits.
 
-The vehicle flies the windows of the logs open loop (`replay`). A fit minimises the errors of position, velocity,
-attitude and body rate at several times of a window, each divided by its root mean square, with a loss that is linear
-for large errors. Mass, gravity and the geometry of the rotors are known. From motions and motor numbers follow:
+The vehicle flies the windows of the logs open loop (`replay`). A fit minimises the errors of position, attitude and
+body rate at several times of a window, each divided by its root mean square, with a loss that is linear for large
+errors. The logged start of a window has errors too: what a small change of the start explains is subtracted from the
+errors of each window. The velocity does not count, since most logs have it from a filter, whose lag would be fitted. Mass, gravity and the geometry of the rotors are known. From motions and motor numbers follow:
 
 | name                   | what the log shows                                                                        |
 |------------------------|-------------------------------------------------------------------------------------------|
@@ -17,8 +18,8 @@ for large errors. Mass, gravity and the geometry of the rotors are known. From m
 
 The inertia of yaw keeps its ratio to the sum of the two others, which the start vehicle has.
 
-Intervals: 95 %, from the covariance of blocks of windows, (JᵀJ)⁻¹ (Σ gᵦ gᵦᵀ) (JᵀJ)⁻¹ with the gradient gᵦ of each
-block, and Student's t. Errors in neighbouring windows depend on each other, which (JᵀJ)⁻¹ alone, the inverse of the
+Intervals: 95 %, from the covariance of blocks of windows, H⁻¹ (Σ gᵦ gᵦᵀ) H⁻¹ with the gradient gᵦ of each block, the
+Hessian H = Jᵀ diag(ρ″) J of the loss ρ, and Student's t. Errors in neighbouring windows depend on each other, which H⁻¹ alone, the inverse of the
 Fisher information, leaves out.
 """
 
@@ -39,10 +40,11 @@ from quadpend_train.flights.flight_log import FlightLog, body_rate, derivative
 from quadpend_train.flights.replay import Windows, errors, fly, hover_coefficient, windows_of, without_pole
 
 TRAINING = 0.7  # share of each log for the fit; the rest is held out
-_HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 8  # s, s; times in a window at which errors count
+_HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 20  # s, s; times in a window at which errors count
 _BLOCKS = 30
 UNIDENTIFIED, _BLIND = 0.2, 1.0  # relative standard deviations; beyond the second, the value of the start is better
 _PASSES = 2  # fits, between which the errors are scaled anew
+_IGNORED = 1e9  # scale of errors that do not count
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
 
 
@@ -177,8 +179,10 @@ class _Fit:
         self.known = self.start | {"drag_x": x, "drag_y": y, "drag_z": z, "drag_height": start.drag.height}
         self.known |= {"thrust_coefficient": kept or coefficient, "lag": max(0.5 * sum(rotors.lags), 1e-4)}
         self.known |= {"angular_drag": start.drag.angular[0], "angular_drag_yaw": start.drag.angular[2]}
-        self.at = np.unique(np.linspace(0, windows[0].steps, _TIMES + 1).round().astype(int))[1:]
+        self.at = np.unique(np.linspace(0, windows[0].steps, _TIMES + 1).round().astype(int))
         self.scales: Any = 1.0
+        self.slopes: Any = None  # of the errors by the starts of the windows, shape (w, 12, 12 times)
+        self.gains: Any = None  # the starts that explain errors best, shape (w, 12, 12 times)
 
     def vehicle(self, values: dict[str, float]) -> Vehicle:
         """Return the vehicle with these values, with a nearly weightless pole."""
@@ -213,16 +217,38 @@ class _Fit:
         """Return the scaled errors at the chosen times, shape (times, w, 12)."""
         vehicle, coefficient, delay = self.vehicle(values), values["thrust_coefficient"], values["delay"]
         found = [errors(fly(each, vehicle, coefficient, delay), each, self.at) for each in self.windows]
-        return np.asarray(np.concatenate(found, axis=1) / self.scales)
+        scaled = np.concatenate(found, axis=1) / self.scales
+        if self.slopes is None:
+            return scaled
+        flat = np.swapaxes(scaled, 0, 1).reshape(scaled.shape[1], -1)
+        starts = np.einsum("wsn,wn->ws", self.gains, flat)
+        flat = flat - np.einsum("wsn,ws->wn", self.slopes, starts)
+        return np.ascontiguousarray(np.swapaxes(flat.reshape(scaled.shape[1], scaled.shape[0], 12), 0, 1))
 
     def scale(self, values: dict[str, float]) -> None:
-        """Divide errors from now on by their root mean square with these values, over windows and axes."""
-        self.scales = 1.0
-        found = self.errors(values)
-        size = np.sqrt((found.reshape(*found.shape[:2], 4, 3) ** 2).mean(axis=(1, 3)))
-        if not all(each.log.has_position for each in self.windows):
-            size[:, :2] = np.inf  # neither position nor velocity counts
-        self.scales = np.repeat(size, 3, axis=-1)[:, np.newaxis]
+        """Divide errors from now on by their root mean square with these values, over times, windows and axes.
+
+        What the starts of the windows explain is subtracted from now on.
+        """
+        self.scales, self.slopes = np.ones(12), None
+        vehicle, coefficient, delay = self.vehicle(values), values["thrust_coefficient"], values["delay"]
+
+        def moved(offset: Floats) -> Any:
+            found = [errors(fly(each, vehicle, coefficient, delay, offset), each, self.at) for each in self.windows]
+            return np.swapaxes(np.concatenate(found, axis=1), 0, 1)
+
+        by_start = np.stack([moved(_STEP * unit) - moved(np.zeros(12)) for unit in np.eye(12)], axis=1) / _STEP
+        for _ in range(2):  # the second time without what the starts explain
+            found = self.errors(values) * self.scales
+            size = np.sqrt((found.reshape(*found.shape[:2], 4, 3) ** 2).mean(axis=(0, 1, 3)))
+            size[1] = _IGNORED
+            if not all(each.log.has_position for each in self.windows):
+                size[0] = _IGNORED
+            self.scales = np.repeat(np.maximum(size, 1e-9), 3)
+            slopes = (by_start / self.scales).reshape(*by_start.shape[:2], -1)
+            slopes /= np.maximum(np.linalg.norm(slopes, axis=2, keepdims=True), 1e-6)
+            self.slopes = slopes
+            self.gains = np.linalg.solve(slopes @ np.swapaxes(slopes, 1, 2) + 1e-9 * np.eye(12), slopes)
 
     def jacobian(self, values: dict[str, float], names: Sequence[str]) -> Floats:
         """Return the derivatives of the errors by quantities in units of their sizes, shape (times, w, 12, k)."""
@@ -259,7 +285,7 @@ class _Fit:
         """Return the quantities with their deviations and intervals."""
         found, slopes = self.errors(values), self.jacobian(values, names)
         weight = (1.0 + found**2) ** -0.5  # of the loss
-        information = np.einsum("twci,twcj,twc->ij", slopes, slopes, weight)
+        information = np.einsum("twci,twcj,twc->ij", slopes, slopes, weight**3)  # ρ″ = weight³
         inverse = np.linalg.inv(information + 1e-9 * np.eye(len(names)))  # what nothing shows gets a huge variance
         gradients = np.einsum("twci,twc->wi", slopes, weight * found)
         count = min(_BLOCKS, len(gradients))

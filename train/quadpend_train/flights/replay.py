@@ -62,7 +62,7 @@ def without_pole(vehicle: Vehicle) -> Vehicle:
     return replace(vehicle, pole=_NO_POLE, pivot=(0.0, 0.0, 0.0))
 
 
-def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0.0) -> Any:
+def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0.0, offset: Any = None) -> Any:
     """Return the motion of a vehicle in all windows as an array of 13 numbers, shape (steps + 1, w, 13).
 
     Position and velocity (world, m and m/s), quaternion (w, x, y, z), and body rate (rad/s).
@@ -72,6 +72,7 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
         vehicle: The vehicle, see `without_pole`.
         coefficient: Thrust per squared number of `FlightLog.motors`, N.
         delay: Time by which the log of the motion is later than that of the motors, s.
+        offset: Added to each start: position, velocity, attitude (rotation vector) and body rate, shape (12,).
     """
     log, lags = windows.log, rotors_of(vehicle).lags
     low, high = rotors_of(vehicle).thrust
@@ -93,6 +94,12 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
     view.direction[:, 2] = 1.0
     memory[:, QUATERNION:BODY_RATE] = log.quaternion[windows.first]
     memory[:, BODY_RATE:ROTOR_THRUST] = log.rate[windows.first]
+    if offset is not None:
+        view.position[:] += offset[:3]
+        view.velocity[:] += offset[3:6]
+        turned = log.rotation[windows.first] * Rotation.from_rotvec(offset[6:9])
+        memory[:, QUATERNION:BODY_RATE] = turned.as_quat(scalar_first=True)
+        memory[:, BODY_RATE:ROTOR_THRUST] += offset[9:]
     memory[:, ROTOR_THRUST:] = _thrusts_at(windows.first, thrusts, lags, log.period)
     still, parameters = np.zeros((count, 9)), np.tile(simulation.parameters.as_array(), (count, 1))
     out = np.empty((windows.steps + 1, count, 13))
