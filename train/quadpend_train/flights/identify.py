@@ -3,7 +3,8 @@
 The vehicle flies the windows of the logs open loop (`replay`). A fit minimises the errors of position, attitude and
 body rate at several times of a window, each divided by its root mean square, with a loss that is linear for large
 errors. The logged start of a window has errors too: what a small change of the start explains is subtracted from the
-errors of each window. The velocity does not count, since most logs have it from a filter, whose lag would be fitted. Mass, gravity and the geometry of the rotors are known. From motions and motor numbers follow:
+errors of each window. The velocity does not count, since most logs have it from a filter, whose lag would be fitted.
+Mass, gravity and the geometry of the rotors are known. From motions and motor numbers follow:
 
 | name                   | what the log shows                                                                        |
 |------------------------|-------------------------------------------------------------------------------------------|
@@ -19,8 +20,8 @@ errors of each window. The velocity does not count, since most logs have it from
 The inertia of yaw keeps its ratio to the sum of the two others, which the start vehicle has.
 
 Intervals: 95 %, from the covariance of blocks of windows, H⁻¹ (Σ gᵦ gᵦᵀ) H⁻¹ with the gradient gᵦ of each block, the
-Hessian H = Jᵀ diag(ρ″) J of the loss ρ, and Student's t. Errors in neighbouring windows depend on each other, which H⁻¹ alone, the inverse of the
-Fisher information, leaves out.
+Hessian H = Jᵀ diag(ρ″) J of the loss ρ, and Student's t. Errors in neighbouring windows depend on each other, which H⁻¹
+alone leaves out. Noise of the motor numbers biases the fit, which the intervals leave out.
 """
 
 from collections.abc import Sequence
