@@ -1,4 +1,7 @@
-"""Policies as C on an emulated STM32F405 (Cortex-M4F), the table of docs/deploy.md.
+"""Policies as C on an emulated STM32F405 (Cortex-M4F), and in flight: the tables of docs/deploy.md.
+
+    python -m experiments.deploy                 # golden vectors and the chip
+    python -m experiments.deploy --episodes 200  # flights: single precision in C beside Python, seeds from 1000000
 
 It needs gcc and, for the chip, Debian's gcc-arm-none-eabi and qemu-system-arm.
 """
@@ -12,8 +15,12 @@ from pathlib import Path
 from shutil import which
 from typing import NamedTuple
 
-from experiments.pages import DOCS, fill
+import numpy as np
+
+from experiments.pages import DOCS, fill, made_by
 from quadpend_gym.scenarios import find_scenarios
+from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
+from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.export.to_c import export_c
 from quadpend_train.policies.loading import load_policy
 
@@ -90,13 +97,39 @@ def row(name: str, scenario: str, folder: Path) -> str:
     return f"| {' | '.join([*cells, f'{chip.instructions:,}', f'{share:.1%}'])} |"
 
 
+def flown(name: str, episodes: int, folder: Path) -> list[str]:
+    """Return the row of a policy designed for `flight_breeze`: where C and Python differ most in the set ``flight``."""
+    known = find_scenarios(["flight_breeze"])["flight_breeze"]
+    source = folder / f"{re.sub('[^a-z0-9]', '_', name)}.c"
+    export_c(load_policy(name), name, known, source)
+    survivals, errors = [], []
+    for scenario in find_scenarios(["flight"]).values():
+        both = (
+            run_episodes([load_policy(p)], scenario, episodes, TEST_SEED, known=known) for p in (name, f"c:{source}")
+        )
+        python, compiled = both
+        common = python.survived & compiled.survived
+        survivals.append(int((python.survived != compiled.survived).sum()))
+        means = [float(found.rmse[common].mean()) if common.any() else 1.0 for found in (python, compiled)]
+        errors.append(abs(means[1] / means[0] - 1.0))
+    return [f"`{name}`", str(max(survivals)), str(sum(survivals)), f"{np.median(errors):.2%}", f"{max(errors):.2%}"]
+
+
 def _error(text: str) -> str:
     return str(re.findall(r"error (\S+)", text)[0])
 
 
 def main() -> None:
-    """Measure all policies, and write the table."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    """Measure all policies, and write a table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--episodes", type=int, help="fly so many episodes in each scenario of the set flight")
+    if given := parser.parse_args().episodes:
+        with tempfile.TemporaryDirectory() as folder:
+            flights = [flown(name, given, Path(folder)) for name in POLICIES["flight_breeze"]]
+        headings = ["policy", "other survival, episodes of one scenario", "of all", "error, median", "error, largest"]
+        table = f"{made_by(f'deploy --episodes {given}', given, TEST_SEED)}\n\n{markdown_table(headings, flights)}"
+        fill(DOCS / "deploy.md", {"flown": table})
+        return
     columns = ("policy", "scenario", "error, double", "float", "on the chip", "flash, kB", "RAM, kB", "instructions")
     head = f"| {' | '.join((*columns, 'of 10 ms'))} |"
     with tempfile.TemporaryDirectory() as folder:

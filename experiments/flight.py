@@ -29,7 +29,8 @@ from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, tables
 
 POLICIES = (
-    *("lqg", "flatness", "dual-mode", "lqi", "lqr", "adrc-matched", "adrc-paper", "ppo-hummingbird", "sac-hummingbird"),
+    *("lqg", "flatness", "dual-mode", "lqi", "lqr", "adrc-matched", "adrc-paper"),
+    *("ppo-flight", "ppo-hummingbird", "sac-hummingbird"),
 )
 SLOW, SLOW_EPISODES = ("mppi", "nmpc"), 20  # they take long, and fly in these scenarios only
 SLOW_SCENARIOS = (

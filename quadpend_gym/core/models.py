@@ -133,7 +133,7 @@ class ModelBatch:
     def __init__(self, models: tuple[Model, ...], rows: int, stream_numbers: Sequence[int] | None = None) -> None:
         self.models = models
         self._stream_numbers = range(len(models)) if stream_numbers is None else stream_numbers
-        self._memories = [np.zeros((model.memory_size, rows)).T for model in models]
+        self.memories = [np.zeros((model.memory_size, rows)).T for model in models]
         self._streams = [Streams(np.zeros(rows, np.uint64)) for _ in models]
 
     def start_episodes(
@@ -147,10 +147,10 @@ class ModelBatch:
             own = streams.derive(self._stream_numbers[i])
             memory = np.asfortranarray(model.initial_memory(own))
             function(model, memory, own)
-            self._memories[i][rows] = memory
+            self.memories[i][rows] = memory
             self._streams[i].keys[rows] = own.keys
 
     def apply(self, function: Callable[[Any, Floats, Streams], None]) -> None:
         """Call `function` with each model, its memory of all sub-environments and their random streams."""
-        for model, memory, streams in zip(self.models, self._memories, self._streams, strict=True):
+        for model, memory, streams in zip(self.models, self.memories, self._streams, strict=True):
             function(model, memory, streams)

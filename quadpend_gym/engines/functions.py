@@ -12,9 +12,11 @@ by ``function.factory``, for example the Jacobian of the next state with respect
 | action | 4 | components in [−1, 1], of the simulation's interface |
 | wind | 12 | d_Q, d_B (N), d_τ (N·m), air velocity (m/s), `quadpend_gym.wind`; constant during a control period |
 | parameters | 9 | `Parameters.as_array` |
+| loop | 7 + s | of an episode with a drawn loop: `rigid_settings.LOOP_SIZE` numbers, and `LoopRows.ages` |
 | point | 24 | derivatives of order 0 to 6 of (F_x, F_y, z), and of order 0 to 2 of ψ; `ReferencePoint` |
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -24,11 +26,12 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines.lifting import columns, lift, vector
 from quadpend_gym.envs.kernel_layout import make_weights
+from quadpend_gym.envs.loops import LoopRows
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, integrate, store_command
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
-from quadpend_gym.physics.rigid_settings import make_rigid_settings
+from quadpend_gym.physics.rigid_settings import LOOP_SIZE, make_rigid_settings
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     COMMAND_SIZE,
@@ -38,6 +41,7 @@ from quadpend_gym.physics.state import (
     STATE_SIZE,
 )
 from quadpend_gym.physics.vectors import Four, Vec3, load
+from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
     Target,
@@ -56,14 +60,16 @@ from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 POINT_SIZE = 24
 
 
-def actions_under_way(simulation: Simulation) -> int:
+def actions_under_way(simulation: Simulation, ranges: LoopRanges | None = None) -> int:
     """Return the number of actions whose effect a control period begins with: the latency in periods, rounded up."""
+    if ranges is not None:
+        return LoopRows(ranges, simulation, 0).slots - 1
     return -(-simulation.delayed_substeps // simulation.substeps)
 
 
-def initial_memory(simulation: Simulation, state: Floats) -> Floats:
+def initial_memory(simulation: Simulation, state: Floats, ranges: LoopRanges | None = None) -> Floats:
     """Return the memories at the beginning of episodes with states of shape (n, 18), shape (n, k)."""
-    under_way = np.zeros((len(state), ACTION_SIZE * actions_under_way(simulation)))
+    under_way = np.zeros((len(state), ACTION_SIZE * actions_under_way(simulation, ranges)))
     return np.hstack([plant_of(simulation).initial_memory(state), under_way])
 
 
@@ -76,7 +82,7 @@ def _function(name: str, arguments: dict[str, Any], **results: Any) -> Any:
 
 
 @lru_cache(maxsize=32)
-def step_function(simulation: Simulation, moves_air: bool = False) -> Any:
+def step_function(simulation: Simulation, moves_air: bool = False, ranges: LoopRanges | None = None) -> Any:
     """Return the control step, (state, memory, action, wind, parameters) → (next_state, next_memory).
 
     The memory of rigid vehicles begins with quaternion, body rate and rotor thrusts (`rigid_kernel`), 11 numbers; that
@@ -86,11 +92,14 @@ def step_function(simulation: Simulation, moves_air: bool = False) -> Any:
         simulation: The vehicle with its interface, period, substeps and latency.
         moves_air: Whether the wind can have a velocity. If not, the paper's vehicle has no drag, as in the environment;
             rigid vehicles always have drag.
+        ranges: Those of the loop of a rigid vehicle, if it is drawn; the function then has a sixth argument, the loop.
     """
     is_rigid = isinstance(plant_of(simulation), RigidPlant)
     size, period, substeps = RIGID_SIZE if is_rigid else 0, simulation.period, simulation.substeps
-    memory_size = size + ACTION_SIZE * actions_under_way(simulation)
+    memory_size = size + ACTION_SIZE * actions_under_way(simulation, ranges)
     x = _symbols(state=STATE_SIZE, memory=memory_size, action=ACTION_SIZE, wind=WIND_SIZE, parameters=PARAMETERS_SIZE)
+    if ranges is not None:
+        x |= _symbols(loop=LOOP_SIZE + substeps)
     actions = [*ca.vertsplit(x["memory"][size:], ACTION_SIZE), x["action"]]
     switch = simulation.delayed_substeps % substeps  # substeps in which the oldest action acts; then the next one acts
     before, after = columns(actions[0]), columns(actions[1 if switch else 0])
@@ -99,7 +108,10 @@ def step_function(simulation: Simulation, moves_air: bool = False) -> Any:
     if is_rigid:
         lanes = columns(ca.vertcat(x["state"], axis, x["memory"][:size]), RIGID_LANE_SIZE)
         settings = make_rigid_settings(simulation)
-        lift(integrate_rigid)(lanes, before, after, disturbance, air, physics, settings, 1, period, substeps, switch)
+        loop, timing = None, (period, substeps, switch)
+        if ranges is not None:
+            loop = columns(ca.vertcat(x["loop"][:LOOP_SIZE], *_acting(actions, x["loop"][LOOP_SIZE:])))
+        lift(integrate_rigid)(lanes, before, after, disturbance, air, physics, settings, 1, *timing, loop)
     else:
         lanes, command = columns(x["state"], LANE_STATE_SIZE), columns([], COMMAND_SIZE)
         if moves_air:
@@ -110,6 +122,12 @@ def step_function(simulation: Simulation, moves_air: bool = False) -> Any:
                 lift(integrate)(lanes, command, disturbance, physics, 1, period * count / substeps, count)
     next_memory = ca.vertcat(vector(lanes[RIGID : RIGID + size]), *actions[1:])
     return _function("step", x, next_state=vector(lanes[:STATE_SIZE]), next_memory=next_memory)
+
+
+def _acting(actions: Sequence[Any], ages: Any) -> list[Any]:
+    """Return the actions that act in each substep, of those under way, the oldest first."""
+    ordered = list(enumerate(reversed(actions)))
+    return [sum((age == k) * action for k, action in ordered) for age in ca.vertsplit(ages)]
 
 
 @lru_cache(maxsize=1)

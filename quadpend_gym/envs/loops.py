@@ -30,6 +30,8 @@ class LoopRows:
         drawn: The drawn values of the episodes in the order of `LOOP_NAMES`, shape (4, n); the latency in s.
         columns: For the step kernel: numbers of each loop (`rigid_settings.LOOP_SIZE`), then the actions that act
             during each of the s substeps of a control period, shape (7 + 4 s, n).
+        ages: Control steps since each of these actions was issued, shape (s, n); `slots` or more for hover.
+        slots: Actions that can act in a control period.
     """
 
     def __init__(self, ranges: LoopRanges | None, simulation: Simulation, rows: int) -> None:
@@ -39,7 +41,8 @@ class LoopRows:
         self._lowest, self._highest = np.array(pairs).T
         self._jitter = getattr(ranges, "jitter", 0.0) / simulation.period * substeps
         latest = self._in_substeps(self._highest[0]) + ceil(self._jitter)
-        slots = -(-int(latest) // substeps) + 1  # of the ring buffer
+        self.slots = slots = -(-int(latest) // substeps) + 1  # of the ring buffer
+        self.ages = np.zeros((substeps, rows), np.int64)
         self.drawn = np.zeros((len(LOOP_NAMES), rows))
         self.columns = np.zeros((LOOP_SIZE + substeps * ACTION_SIZE, rows))
         self._latency = np.zeros(rows, np.int64)  # substeps
@@ -72,7 +75,7 @@ class LoopRows:
         """
         last = np.empty((len(step), ACTION_SIZE), np.float32)
         loop, queue = (self._latency, self._jitter, self._keys), (self._under_way, self._arrival, self._acting)
-        _schedule(action, step, *loop, *queue, self.columns[LOOP_SIZE:], last)
+        _schedule(action, step, *loop, *queue, self.ages, self.columns[LOOP_SIZE:], last)
         return last
 
     def _in_substeps(self, latency: Any) -> Any:
@@ -89,6 +92,7 @@ def _schedule(
     under_way: NDArray[np.float64],
     arrival: Integers,
     acting: Integers,
+    ages: Integers,
     substeps: Floats,
     last: Floats32,
 ) -> None:
@@ -108,6 +112,7 @@ def _schedule(
         for substep in range(count):
             while current < now and arrival[(current + 1) % slots, row] <= now * count + substep:
                 current += 1
+            ages[substep, row] = now - current if current >= 0 else slots
             for i in range(ACTION_SIZE):
                 substeps[substep * ACTION_SIZE + i, row] = under_way[current % slots, i, row] if current >= 0 else 0.0
         acting[row] = current

@@ -142,6 +142,16 @@ class World:
         """View of what the vehicles have besides the state, shape (n, k), see `physics.plants`."""
         return self._memory[:, MEMORY_SIZE:]
 
+    @property
+    def loops(self) -> LoopRows | AutopilotRows | None:
+        """The loops of the episodes, if they are drawn."""
+        return self._loops
+
+    @property
+    def actuator_memories(self) -> list[Floats]:
+        """What each actuator remembers, each of shape (n, k)."""
+        return self._actuators.memories
+
     def trajectory(self, row: int) -> Trajectory:
         """Return the reference of a sub-environment."""
         return self._trajectories.find(row) or Reference.from_array(self.reference[row])

@@ -21,7 +21,18 @@ PAPER = [
     Scenario(wind="windy", actuators=[{"kind": "action_delay", "steps": 1}], task="hover"),
     Scenario(task={"trajectory": CURVE}),
 ]
-RIGID = [Scenario(**HUMMINGBIRD, latency=0.015, wind="storm", parameters={"share": 0.2})]
+LOOP = {
+    "latency": [0.015, 0.025],
+    "jitter": 0.002,
+    "rate_loop": [0.85, 1.15],
+    "rotor_lag": [0.9, 1.1],
+    "thrust": [0.85, 1.15],
+}
+LOSSES = [{"kind": "packet_loss", "probability": 0.3}, {"kind": "gyro_bias"}]
+RIGID = [
+    Scenario(**HUMMINGBIRD, latency=0.015, wind="storm", parameters={"share": 0.2}),
+    Scenario(**HUMMINGBIRD, latency=0.02, actuators=LOSSES, loop=LOOP),
+]
 
 
 @pytest.mark.parametrize("scenarios", [PAPER, RIGID], ids=["paper", "rigid"])
@@ -42,9 +53,10 @@ def test_flights_equal_the_environment(scenarios: Any) -> None:
     for step in range(1, 16):
         action = random.normal(size=(len(flight), 4)).astype(np.float32) * np.float32(0.02)
         point = reference_points(scenarios, gather("reference"), np.full(len(flight), 0.01 * step))
-        others = action, gather("wind"), gather("parameters"), point, flights.weights
-        flight, costs = flights.step(flight, *others)
+        given = action, gather("wind"), gather("parameters")
+        before = [[memory.copy() for memory in world.actuator_memories] for world in worlds]
         results = [env.step(part) for env, part in zip(envs, np.split(action, len(envs)), strict=True)]
+        flight, costs = flights.step(flight, *given, flights.drawn(worlds, before), point, flights.weights)
         # The environment rounds actions to float32 after the actuators.
         assert_allclose(flight[:, :18], gather("state"), rtol=0.0, atol=1e-7)
         error = np.linalg.norm(np.concatenate([info["tracking_error"] for *_, info in results]), axis=1)

@@ -220,7 +220,7 @@ class _Fit:
         found = [errors(fly(each, vehicle, coefficient, delay), each, self.at) for each in self.windows]
         scaled = np.concatenate(found, axis=1) / self.scales
         if self.slopes is None:
-            return scaled
+            return np.asarray(scaled)
         flat = np.swapaxes(scaled, 0, 1).reshape(scaled.shape[1], -1)
         starts = np.einsum("wsn,wn->ws", self.gains, flat)
         flat = flat - np.einsum("wsn,ws->wn", self.slopes, starts)

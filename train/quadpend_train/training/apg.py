@@ -6,14 +6,18 @@ values, with the noise of the sensors; generated C (`flight`, `observed`) has th
     (1)  o_t  = observation of the policy,          ∂o_t/∂(z_t, b_t)
     (2)  a_t  = clip(π(o_t), −1, 1)
     (3)  z_{t+1}, b_{t+1} from the environment,     ∂(z_{t+1}, b_{t+1})/∂(z_t, b_t, a_t)
-    (4)  J    = w_R · mean over scenarios of R  +  mean over rows and steps of c(x_{t+1}, a_t)
+    (4)  J    = w_R · mean over scenarios of R  +  w_L · mean over rows of L
+                + mean over rows and steps of c(x_{t+1}, a_t)
 
 z is the state x with what vehicle and actuators remember, b what the observer believes. Not in the gradient are the
-disturbance that `adrc` estimates, values that sensors hold, and drawn constants of the loop: it has the nominal
-ones. A window of H steps has no terminal value, so the consequences of its last actions are cut off.
+disturbance that `adrc` estimates, and values that sensors hold. A window of H steps has no terminal value, so the
+consequences of its last actions are cut off.
 
 R is the root mean square of the tracking error over the rows and steps of a scenario in a window, which is similar to
 the measure of the published results; the mean of the squares over all scenarios would be that of the hardest scenario.
+L = ½ ln(mean of |e|² over the scored steps of a row + ε²) weighs relative errors: 1 mm in light wind as much as 1 cm in
+strong wind, and settled flight as much as the first second. Steps that the scenario does not score cost no L.
+
 The further cost of a step is
 
     (5)  c = w₁ |e| + w_ψ ψ_e² + w_a |a|² + w_ω |η̇|² + w_l ℓ
@@ -52,6 +56,7 @@ from quadpend_train.training.settings import ApgSettings, TrainSettings
 
 # Settings that APG does not use
 _UNUSED = ("reward", "reward_scale", "critic_warmup_steps")
+_SMALLEST_ERROR = 5e-4  # ε of the logarithm, m
 
 
 class APG(OnPolicyAlgorithm):
@@ -71,7 +76,8 @@ class APG(OnPolicyAlgorithm):
         self._scenarios = scenarios
         self._flights = Flights(scenarios, hybrid_wrappers(env.env), self.n_envs, size, apg)
         self._flight = self._flights.initial(np.zeros((self.n_envs, STATE_SIZE)))
-        self._cost, self._falls = torch.zeros(()), 0
+        self._cost, self._falls, self._log_rmse = torch.zeros(()), 0, 0.0
+        self._unscored = np.repeat([scenario.unscored for scenario in scenarios], self.n_envs // len(scenarios))
 
     def collect_rollouts(self, env: Any, callback: Any, rollout_buffer: Any, n_rollout_steps: int) -> bool:
         """Fly a window and compute its cost, equations (1) to (5)."""
@@ -80,14 +86,15 @@ class APG(OnPolicyAlgorithm):
         everything = worlds(env.env)
         flight = torch.as_tensor(self._after_step(everything, self._flight, np.asarray(self._last_episode_starts)))
         observation, (believed, sensing) = torch.as_tensor(self._last_obs), self._flights.beliefs()
-        belief = torch.as_tensor(believed)
-        self._falls, costs = 0, torch.zeros(env.num_envs, 2, dtype=torch.float64)
+        belief, scored = torch.as_tensor(believed), np.zeros(env.num_envs)
+        self._falls, costs, settled = 0, torch.zeros(env.num_envs, 2, dtype=torch.float64), []
         for _ in range(self.apg.window):
             action = self._mean_action(observation)
             time = everything[0].simulation.period * (1.0 + _gather(everything, "clock"))
             point = reference_points(self._scenarios, _gather(everything, "reference"), time)
-            constants = _gather(everything, "wind"), _gather(everything, "parameters"), point, self._flights.weights
-            after, step_costs = self._flights.step(flight.detach().numpy(), action.detach().numpy(), *constants)
+            is_scored = time > self._unscored
+            before = [[memory.copy() for memory in world.actuator_memories] for world in everything]
+            wind, parameters = _gather(everything, "wind"), _gather(everything, "parameters")
             self._last_obs, rewards, ended, infos = env.step(action.detach().clamp(-1.0, 1.0).numpy())
             self._last_episode_starts = ended
             self.num_timesteps += env.num_envs
@@ -97,6 +104,8 @@ class APG(OnPolicyAlgorithm):
             if ended.any():
                 self._update_info_buffer(infos, ended)
                 self._falls += sum(not infos[row]["TimeLimit.truncated"] for row in np.flatnonzero(ended))
+            constants = wind, parameters, self._flights.drawn(everything, before), point, self._flights.weights
+            after, step_costs = self._flights.step(flight.detach().numpy(), action.detach().numpy(), *constants)
             noise = _gather(everything, "measured") - self._flights.delayed(flight.detach().numpy(), after)
             noise[ended] = 0.0
             after = self._after_step(everything, after, ended)
@@ -106,9 +115,16 @@ class APG(OnPolicyAlgorithm):
             results = Step.apply(flight, belief, action, given, values)  # type: ignore[no-untyped-call]
             flight, added, belief, observation = results
             costs = costs + added
+            settled.append(added[:, 0] * torch.as_tensor(is_scored))
+            scored += is_scored
         squares, further = costs.unbind(dim=1)
         rmse = torch.sqrt(squares.view(len(self._scenarios), -1).mean(dim=1) / self.apg.window + 1e-6)
         self._cost = self.apg.rmse * rmse.mean() + further.sum() / (self.apg.window * env.num_envs)
+        if self.apg.log_rmse:
+            mean = torch.stack(settled).sum(dim=0) / torch.as_tensor(np.maximum(scored, 1.0))
+            logs = 0.5 * torch.log(mean + _SMALLEST_ERROR**2)[torch.as_tensor(scored > 0.5 * self.apg.window)]
+            self._cost = self._cost + self.apg.log_rmse * logs.sum() / env.num_envs
+            self._log_rmse = float(logs.detach().mean()) if len(logs) else float("nan")
         self._flight = flight.detach().numpy()
         callback.on_rollout_end()
         return True
@@ -134,6 +150,8 @@ class APG(OnPolicyAlgorithm):
         self.logger.record("train/cost", float(self._cost.detach()))
         self.logger.record("train/gradient_norm", float(norm))
         self.logger.record("train/falls", self._falls)
+        if self.apg.log_rmse:
+            self.logger.record("train/log_rmse", self._log_rmse)
 
     def _restart_rows(self, env: Any) -> None:
         """Begin new episodes in a share of the rows of each scenario, drawn at random."""

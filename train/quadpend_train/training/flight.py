@@ -7,8 +7,9 @@ oldest first. A step of a row is
     (1)  z ← f(z, clip(a, −1, 1)),   e² = |e|²,   c = w₁ |e| + w_ψ ψ_e² + w_a |a|² + w_ω |η̇|² + w_l ℓ + excess
 
 with the terms that `apg` explains, in the state that the action a leads to. CasADi reads the equations of the
-environments (`quadpend_gym.engines`) and differentiates them; `observed` adds what the policy observes then. Actuators
-round no action to float32, as the environment's do.
+environments (`quadpend_gym.engines`) and differentiates them; `observed` adds what the policy observes then. What is
+drawn for an episode or a step (gyro bias, lost packets, the loop) is an argument. Actuators round no action to float32,
+as the environment's do.
 """
 
 import math
@@ -25,13 +26,15 @@ from torch import Tensor
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_gym import engines
-from quadpend_gym.actuators import ActionDelay, MotorLag, lag_shares
+from quadpend_gym.actuators import ActionDelay, GyroBias, MotorLag, PacketLoss, lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import CompiledFunction, columns, lift
 from quadpend_gym.engines.functions import POINT_SIZE
 from quadpend_gym.physics.dynamics import thrust_axis
+from quadpend_gym.physics.rigid_settings import LOOP_SIZE
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, EULER_RATE, STATE_SIZE
 from quadpend_gym.physics.vectors import load
+from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.task import Limits
 from quadpend_gym.tasks.trajectories import Reference
@@ -44,6 +47,7 @@ from quadpend_train.training.settings import ApgSettings
 
 Item = TypeVar("Item")
 _ENOUGH = 0.6  # margin to a limit above which leaning costs nothing
+_DRAWN = {PacketLoss: 1, GyroBias: 3}  # numbers that an actuator draws
 
 
 class Kind(NamedTuple):
@@ -53,59 +57,94 @@ class Kind(NamedTuple):
     actuators: tuple[Any, ...]
     moves_air: bool
     sensor_delay: int
+    loop: LoopRanges | None
     observer: Observer
 
     @classmethod
     def of(cls, scenario: Scenario, hybrid: Any, size: int) -> "Kind":
         """Return the kind of a scenario's flights, for a policy with `size` observations and its hybrid, or None."""
-        moves_air = any(model.moves_air for model in scenario.wind_models)
+        rigid = scenario.simulation.vehicle.attitude == "rigid"  # it has drag in still air, too
+        moves_air = rigid or any(model.moves_air for model in scenario.wind_models)
         observer = Observer.of(hybrid, not scenario.output_feedback, size)
-        return cls(scenario.simulation, scenario.actuators, moves_air, Loop.of(scenario.sensors).sensor_delay, observer)
+        delay = Loop.of(scenario.sensors).sensor_delay
+        return cls(scenario.simulation, scenario.actuators, moves_air, delay, scenario.loop, observer)
 
     @property
     def actuators_size(self) -> int:
         """Numbers that the actuators remember."""
-        return sum(int(model.memory_size) for model in self.actuators)
+        return sum(int(model.memory_size) for model in self.actuators if not isinstance(model, GyroBias))
+
+    @property
+    def drawn_size(self) -> int:
+        """Numbers of a step that the environment draws."""
+        loop = 0 if self.loop is None else LOOP_SIZE + self.simulation.substeps
+        return sum(_DRAWN.get(type(model), 0) for model in self.actuators) + loop
+
+    def drawn(self, world: Any, before: Sequence[Floats]) -> Floats:
+        """Return what was drawn for the step that a world has done, shape (n, k).
+
+        `before` are the memories of its actuators before the step.
+        """
+        parts: list[Floats] = []
+        for model, last, memory in zip(self.actuators, before, world.actuator_memories, strict=True):
+            if isinstance(model, PacketLoss):
+                parts.append((memory == last).all(axis=1, keepdims=True).astype(np.float64))
+            elif isinstance(model, GyroBias):
+                parts.append(memory)
+        if self.loop is not None:
+            parts += [world.loops.columns[:LOOP_SIZE].T, world.loops.ages.T]
+        return np.hstack([np.zeros((world.num_envs, 0)), *parts])
 
     def initial(self, state: Floats) -> Floats:
         """Return flights at the beginning of episodes with states of shape (n, 18), shape (n, k)."""
         remembered = np.zeros((len(state), self.actuators_size))
         return np.hstack(
-            [state, engines.initial_memory(self.simulation, state), remembered, *[state] * self.sensor_delay]
+            [state, engines.initial_memory(self.simulation, state, self.loop), remembered, *[state] * self.sensor_delay]
         )
 
 
 def check_covered(name: str, scenario: Scenario) -> None:
     """Check that APG can fly a scenario."""
     for model in scenario.actuators:
-        if not isinstance(model, ActionDelay | MotorLag):
+        if not isinstance(model, ActionDelay | MotorLag | PacketLoss | GyroBias):
             raise ValueError(
-                f"algo 'apg' cannot have the actuator {model.kind!r}, only 'action_delay' and 'motor_lag' (scenario"
-                f" {name})"
+                f"algo 'apg' cannot have the actuator {model.kind!r}, only 'action_delay', 'motor_lag', 'packet_loss'"
+                f" and 'gyro_bias' (scenario {name})"
             )
+    if scenario.loop is not None and scenario.simulation.vehicle.attitude != "rigid":
+        raise ValueError(f"algo 'apg' draws the loop of rigid vehicles only, not that of the scenario {name}")
     if scenario.task.pendulum != "upright" or scenario.task.reward.pendulum_first > 0.0:
         raise ValueError(f"algo 'apg' balances an upright pendulum only, not the task of the scenario {name}")
 
 
 @lru_cache(maxsize=32)
 def control_step(kind: Kind) -> Any:
-    """Return a control step with its actuators, (flight, action, wind, parameters) → (next_flight)."""
-    step = engines.step_function(kind.simulation, kind.moves_air)
+    """Return a control step with its actuators, (flight, action, wind, parameters, drawn) → (next_flight)."""
+    step = engines.step_function(kind.simulation, kind.moves_air, kind.loop)
     vehicle_size = STATE_SIZE + step.size1_in("memory")
-    names, sizes = ("flight", "action", "wind", "parameters"), (vehicle_size + kind.actuators_size, ACTION_SIZE)
-    arguments = [ca.SX.sym(*pair) for pair in zip(names, (*sizes, WIND_SIZE, PARAMETERS_SIZE), strict=True)]
-    flight, action, wind, parameters = arguments
+    names = "flight", "action", "wind", "parameters", "drawn"
+    sizes = vehicle_size + kind.actuators_size, ACTION_SIZE, WIND_SIZE, PARAMETERS_SIZE, kind.drawn_size
+    arguments = [ca.SX.sym(*pair) for pair in zip(names, sizes, strict=True)]
+    flight, action, wind, parameters, drawn = arguments
     remembered, first = [], vehicle_size
     for model in kind.actuators:
+        own, drawn = drawn[: _DRAWN.get(type(model), 0)], drawn[_DRAWN.get(type(model), 0) :]
+        if isinstance(model, GyroBias):
+            rates = action[1:] - own / kind.simulation.command_scale[1:]
+            action = ca.vertcat(action[0], ca.fmin(ca.fmax(rates, -1.0), 1.0))
+            continue
         memory, first = flight[first : first + model.memory_size], first + model.memory_size
         if isinstance(model, ActionDelay):
             under_way = ca.vertcat(memory, action)
             action, memory = under_way[:ACTION_SIZE], under_way[ACTION_SIZE:]
+        elif isinstance(model, PacketLoss):
+            action = memory = action + own * (memory - action)
         else:
             (mean, left), gap = lag_shares(kind.simulation.period / model.time_constant), memory - action
             action, memory = action + mean * gap, action + left * gap
         remembered.append(memory)
-    after = step(flight[:STATE_SIZE], flight[STATE_SIZE:vehicle_size], action, wind, parameters)
+    loop = [] if kind.loop is None else [drawn]
+    after = step(flight[:STATE_SIZE], flight[STATE_SIZE:vehicle_size], action, wind, parameters, *loop)
     return ca.Function("control_step", arguments, [ca.vertcat(*after, *remembered)], names, ["next_flight"])
 
 
@@ -135,7 +174,8 @@ def _costs(state: Any, action: Any, error: Any, yaw_error: Any, weights: Any) ->
 def compiled_steps(kind: Kind) -> tuple[CompiledFunction, CompiledFunction]:
     """Return equation (1) and its product, together with that of equation (1) of `observed`.
 
-    They are (flight, action, wind, parameters, point, weights) → (next_flight, costs), where costs are e² and c, and
+    They are (flight, action, wind, parameters, drawn, point, weights) → (next_flight, costs), where costs are e² and c,
+    and
 
     (the same, belief, sensing, error of the sensors, adjoints of next_flight, costs, next_belief and observation) →
     (adjoint of the flight, of the belief, of the action).
@@ -144,9 +184,9 @@ def compiled_steps(kind: Kind) -> tuple[CompiledFunction, CompiledFunction]:
     size = step.size1_in("flight")
     flight = ca.SX.sym("flight", size + STATE_SIZE * kind.sensor_delay)
     arguments = [flight, *step.sx_in()[1:], ca.SX.sym("point", POINT_SIZE), ca.SX.sym("weights", 8)]
-    _, action, wind, parameters, point, weights = arguments
+    _, action, wind, parameters, drawn, point, weights = arguments
     bounded = ca.fmin(ca.fmax(action, -1.0), 1.0)
-    after = step(flight[:size], bounded, wind, parameters)
+    after = step(flight[:size], bounded, wind, parameters, drawn)
     state, states = after[:STATE_SIZE], ca.vertcat(flight[size:], after[:STATE_SIZE])
     _, error = engines.observation_function()(state, parameters, point)
     costs = _costs(state, action, error, state[EULER + 2] - point[POINT_SIZE - 3], weights)
@@ -198,7 +238,7 @@ class Flights:
         # Neighbouring scenarios of one kind share their calls
         share, self._limit = rows // len(scenarios), apg.max_state_gradient / (apg.window * rows)
         hybrids: list[Any] = [item.hybrid for item in wrappers for _ in worlds(item)] or [None] * len(scenarios)
-        kinds = [Kind.of(*pair, size) for pair in zip(scenarios, hybrids, strict=True)]
+        self._kinds = kinds = [Kind.of(*pair, size) for pair in zip(scenarios, hybrids, strict=True)]
         self._parts = [
             (rows, kind, *compiled_steps(kind))
             for rows, kind in _slices((kind, share * len(list(group))) for kind, group in groupby(kinds))
@@ -219,6 +259,11 @@ class Flights:
             return np.zeros((len(self.weights), 0)), np.zeros((len(self.weights), 0))
         return _stacked([belief for belief, _ in found]), _stacked([sensing for _, sensing in found])
 
+    def drawn(self, everything: Sequence[Any], before: Sequence[Sequence[Floats]]) -> Floats:
+        """Return what was drawn for the last step of all worlds, see `Kind.drawn`."""
+        parts = zip(self._kinds, everything, before, strict=True)
+        return _stacked([kind.drawn(*rest) for kind, *rest in parts])
+
     def delayed(self, flight: Floats, after: Floats) -> Floats:
         """Return the states that the sensors measure after a step, before and after which the flights are given."""
         out = after[:, :STATE_SIZE].copy()
@@ -231,7 +276,7 @@ class Flights:
     def step(self, flight: Floats, *others: Floats) -> tuple[Floats, Floats]:
         """Return the next flights, shape (n, k), and the costs, shape (n, 2).
 
-        The other arguments are actions, wind, parameters, points and weights, see `compiled_steps`.
+        The other arguments are actions, wind, parameters, drawn numbers, points and weights, see `compiled_steps`.
         """
         results = [_call(values, rows, flight, *others) for rows, _, values, _ in self._parts]
         return _stacked([after for after, _ in results]), np.vstack([costs for _, costs in results])

@@ -96,6 +96,8 @@ class ApgSettings:
     """Share of the rows of each scenario that begin a new episode with each window, rounded to whole rows."""
     rmse: Annotated[float, Range(0.0, 1e6, "1/m")] = 6.0
     """Weight w_R of the root mean square of the tracking error, mean over the scenarios, 1/m."""
+    log_rmse: Annotated[float, Range(0.0, 1e6)] = 0.0
+    """Weight w_L of the logarithm of the root mean square of a row's tracking error, mean over the rows."""
     error: Annotated[float, Range(0.0, 1e6, "1/m")] = 0.1
     """Weight w₁ of the tracking error, 1/m."""
     yaw: Annotated[float, Range(0.0, 1e6, "1/rad²")] = 0.1
