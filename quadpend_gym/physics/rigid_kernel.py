@@ -18,7 +18,7 @@ The state has the 18 numbers of every vehicle, in which the Euler angles and the
 
 Drag acts always, with the air at rest if there is no wind: the quadratic drag of `quadpend_gym.physics.drag`, constant
 during a control period, the drag of the rotors, linear in the velocity relative to the air and constant during a
-substep, and the torque against the body rate.
+substep, which acts at a height above the centre of mass, and the torque against the body rate.
 """
 
 from itertools import accumulate
@@ -86,6 +86,7 @@ from quadpend_gym.physics.vectors import (
     Vec3,
     add,
     axpy,
+    cross,
     dot,
     load,
     load_four,
@@ -156,10 +157,12 @@ def _substep(
     wrench_0 = _wrench(thrusts_after(start, wanted, rotors.rise.x, rotors.fall.x), rigid)
     wrench_m = _wrench(thrusts_after(start, wanted, rotors.rise.y, rotors.fall.y), rigid)
     wrench_1 = _wrench(thrusts_1, rigid)
-    force = add(load(disturbance, FORCE, lane), load(state, _ROTOR_DRAG, lane))
+    before, drag = rotation_matrix(_load_quaternion(state, lane)), load(state, _ROTOR_DRAG, lane)
+    force = add(load(disturbance, FORCE, lane), drag)
     bob_force = load(disturbance, BOB_FORCE, lane)
     relative = axpy(1.0 / physics.quadrotor_mass, force, scale(-1.0 / physics.bob_mass, bob_force))
-    torque, momentum = load(disturbance, TORQUE, lane), state[_MOMENTUM, lane]
+    torque = axpy(rigid.drag_height, cross(before.z, drag), load(disturbance, TORQUE, lane))
+    momentum = state[_MOMENTUM, lane]
     loads = Loads(force, bob_force, relative, torque, momentum, rigid.angular_drag)
 
     motion = Motion(
@@ -178,7 +181,7 @@ def _substep(
     r = scale(1.0 / norm(end.direction), end.direction)
     r_dot = axpy(-dot(r, end.direction_rate), r, end.direction_rate)
 
-    before, rotation = rotation_matrix(motion.attitude), rotation_matrix(attitude)
+    rotation = rotation_matrix(attitude)
     centre = add(load(state, POSITION, lane), centre_from_body(before, motion.direction, physics, body))
     centre_rate = add(
         load(state, VELOCITY, lane),

@@ -30,6 +30,7 @@ class RigidSettings(NamedTuple):
     pivot: Vec3  # p, m, body frame
     shape: float  # J/(m l²) of the pole
     rotor_drag: Vec3  # drag of the rotors, N·s/m, body frame
+    drag_height: float  # height above the centre of mass where the drag of the rotors acts, m
     angular_drag: Vec3  # torque against the body rate, N·m·s/rad, body frame
     loop: RateLoopSettings  # the on-board rate loop
     rotors: RotorSettings  # the rotors
@@ -65,6 +66,7 @@ def with_loop(rigid: RigidSettings, loops: Any, lane: int) -> RigidSettings:
         rigid.pivot,
         rigid.shape,
         rigid.rotor_drag,
+        rigid.drag_height,
         rigid.angular_drag,
         RateLoopSettings(loops[_RATE_GAIN, lane], loops[_TORQUE_GAIN, lane], rigid.loop.inertia),
         rotors,
@@ -127,6 +129,7 @@ def make_rigid_settings(simulation: Simulation) -> RigidSettings:
         Vec3(*vehicle.pivot),
         pole.inertia / (parameters.bob_mass * parameters.rod_length**2),
         Vec3(*vehicle.drag.rotor),
+        vehicle.drag.height,
         Vec3(*vehicle.drag.angular),
         RateLoopSettings(*gains, _symmetric(inertia)),
         settings,

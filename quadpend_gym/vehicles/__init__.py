@@ -2,6 +2,7 @@
 
 from quadpend_gym.vehicles.parameters import *
 from quadpend_gym.vehicles.parts import *
+from quadpend_gym.vehicles.plausibility import *
 from quadpend_gym.vehicles.simulation import *
 from quadpend_gym.vehicles.vehicle import *
 from quadpend_gym.vehicles.vehicle import VEHICLES

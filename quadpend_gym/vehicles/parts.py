@@ -96,6 +96,7 @@ class Drag:
     area: Annotated[float, Range(0.0, 100.0, "m²")] = 0.0  # C_d A of the quadratic drag, the same in all directions
     rotor: Annotated[Axes, Range(0.0, 100.0, "N·s/m")] = (0.0, 0.0, 0.0)  # linear drag along the body axes
     angular: Annotated[Axes, Range(0.0, 100.0, "N·m·s/rad")] = (0.0, 0.0, 0.0)  # linear drag of the body rates
+    height: Annotated[float, Range(-2.0, 2.0, "m")] = 0.0  # of the point above the centre of mass where `rotor` acts
 
 
 @settings

@@ -166,6 +166,7 @@ def _check_euler(vehicle: Vehicle) -> None:
         "pole.inertia": vehicle.pole.inertia > 0.0,
         "drag.rotor": any(vehicle.drag.rotor),
         "drag.angular": any(vehicle.drag.angular),
+        "drag.height": vehicle.drag.height != 0.0,
         "inertia with products of inertia": isinstance(vehicle.inertia[0], tuple),
     }
     if given := [name for name, is_given in absent.items() if is_given]:

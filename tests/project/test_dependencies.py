@@ -20,7 +20,7 @@ KNOWN = {**packages_distributions(), "tomli": ["tomli"], "griffe": ["mkdocstring
 EXTRAS = {
     "quadpend_gym": ("view", "mpc"),
     "baselines": ("train", "mpc", "control"),
-    "train": ("train", "view", "mpc", "cluster"),
+    "train": ("train", "view", "mpc", "cluster", "logs"),
     "benchmarks": ("train", "view", "dev", "peers"),
     "experiments": ("train", "view", "dev", "mpc"),
     "tests": ("train", "view", "dev", "docs", "cluster", "control"),

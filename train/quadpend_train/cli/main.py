@@ -12,7 +12,13 @@ from importlib import import_module
 from typing import Any
 
 _TRACEBACK = "--traceback"
-_EXTRAS = {"casadi": "mpc", "imageio": "view", "ray": "cluster"}  # of packages that are not in the extra train
+_EXTRAS = {
+    "casadi": "mpc",
+    "imageio": "view",
+    "orangebox": "logs",
+    "pyulog": "logs",
+    "ray": "cluster",
+}  # of packages that are not in the extra train
 _LONGEST = 4000  # characters of a sentence
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _received: list[int] = []  # signals that ended this command
@@ -38,6 +44,14 @@ COMMANDS = {
     "reproduce": (
         "training.reproduce",
         "Train a learned policy again from its card, and report whether the weights are the same.",
+    ),
+    "replay": (
+        "flights.replay",
+        "Fly vehicles open loop under the motor commands of a flight log, and compare them with the log.",
+    ),
+    "identify": (
+        "flights.identify",
+        "Identify a vehicle from flight logs, and write its file and scenarios for training.",
     ),
     "tune": (
         "search.tune",

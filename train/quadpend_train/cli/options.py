@@ -3,6 +3,7 @@
 The options `--vehicle`, `--interface` and `--autopilot` apply to all scenarios of a command.
 """
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import wraps
@@ -13,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from quadpend_gym.autopilots import as_autopilot
 from quadpend_gym.core.settings import Range
 from quadpend_gym.scenarios import Scenario, find_scenarios
+from quadpend_gym.vehicles import doubts
 
 # Types of options with their ranges, which `checked` applies: a typing error must not use up the memory or the year.
 Episodes = Annotated[int, Range(1, 100_000)]
@@ -43,11 +45,14 @@ def named_scenarios(
 ) -> dict[str, Scenario]:
     """Return scenarios by name, see `find_scenarios`, all of them with what is given.
 
-    An autopilot is built and configured.
+    An autopilot is built and configured. Doubts about vehicles are printed.
     """
     found = find_scenarios(scenarios)
     if vehicle is not None or interface is not None:
         found = find_scenarios(scenario.with_vehicle(vehicle, interface) for scenario in found.values())
+    known = {(each.vehicle.name, doubt) for each in found.values() for doubt in doubts(each.simulation)}
+    for name, sentence in sorted(known):
+        print(f"Warning: vehicle {name}: {sentence}.", file=sys.stderr)
     firmware = as_autopilot(autopilot)
     if firmware is None:
         return found

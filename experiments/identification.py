@@ -1,0 +1,153 @@
+"""Identification of vehicles from flight logs: simulated vehicles, and the public logs of a Crazyflie 2.1 Brushless.
+
+    python -m experiments.identification                    # 20 simulated vehicles: docs/identification/simulated.csv
+    python -m experiments.identification --logs A.csv B.csv --columns C.toml     # fit on each log, test on the others
+
+The public logs are those of github.com/idsia-robotics/nanodrone-sysid-benchmark (branch model_export, folder
+data/real/processed/train), which states no licence, so they are not part of this repository.
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from experiments.pages import DOCS
+from quadpend_gym.vehicles import VEHICLES, Vehicle, rotors_of
+from quadpend_gym.vehicles.vehicle import as_vehicle
+from quadpend_train.flights.identify import QUANTITIES, identify
+from quadpend_train.flights.readers import read_log
+from quadpend_train.flights.replay import compare
+from quadpend_train.flights.simulated import simulated_log
+
+PATH = DOCS / "identification/simulated.csv"
+BASES = ("hummingbird", "crazyflie-brushless", "racer", "x500")
+LISTED = ("thrust_coefficient", "torque_per_thrust", "inertia_roll", "inertia_pitch")
+
+
+def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
+    """Return a vehicle, the start of its identification with the true mass and geometry, and the true quantities."""
+    random = np.random.default_rng(seed)
+    base = VEHICLES[BASES[seed % len(BASES)]]
+    rotors, mass = rotors_of(base), base.mass
+
+    def factor(spread: float) -> float:
+        return float(np.exp(spread * random.uniform(-1.0, 1.0)))
+
+    positions = np.array(rotors.positions)
+    arm, coefficient = float(np.abs(positions).max()), rotors.thrust_coefficient or 5e-6 * mass
+    roll, pitch, yaw = np.diag(base.inertia_matrix).tolist()
+    centre = np.append(0.03 * arm * random.uniform(-1.0, 1.0, 2), 0.0)
+    moved: Any = tuple(map(tuple, positions - centre))
+    inertia = roll * factor(0.3), pitch * factor(0.3)
+    drag = 0.4 * mass * factor(0.5), 0.4 * mass * factor(0.5), 0.4 * mass * factor(0.5)
+    slow = replace(base.rate_loop, time_constant=0.1)
+    start = replace(base, rotors=replace(rotors, thrust_coefficient=coefficient), rate_loop=slow)
+    truth = {
+        "thrust_coefficient": coefficient * factor(0.3),
+        "torque_per_thrust": rotors.torque_per_thrust * factor(0.3),
+        "inertia_roll": inertia[0],
+        "inertia_pitch": inertia[1],
+        "lag": 0.03 * factor(0.5),
+        "delay": 0.0125,  # of the log, and half a period of the controller that holds its command
+        **dict(zip(("drag_x", "drag_y", "drag_z"), drag, strict=True)),
+        "drag_height": 0.3 * arm * random.uniform(-1.0, 1.0),
+        "angular_drag": inertia[0] * factor(0.7),
+        "angular_drag_yaw": inertia[0] * factor(0.7),
+        "centre_x": float(centre[0]),
+        "centre_y": float(centre[1]),
+    }
+    vehicle = replace(
+        start,
+        inertia=(*inertia, sum(inertia) * yaw / (roll + pitch)),
+        rotors=replace(
+            rotors,
+            positions=moved,
+            thrust=(0.02 * rotors.thrust[1], 1.3 * rotors.thrust[1]),
+            torque_per_thrust=truth["torque_per_thrust"],
+            lag_up=truth["lag"],
+            lag_down=None,
+            thrust_coefficient=truth["thrust_coefficient"],
+        ),
+        drag=replace(
+            base.drag,
+            area=0.0,
+            rotor=drag,
+            height=truth["drag_height"],
+            angular=(truth["angular_drag"], truth["angular_drag"], truth["angular_drag_yaw"]),
+        ),
+    )
+    return vehicle, start, truth
+
+
+def simulated(vehicles: int, first: int = 0) -> pd.DataFrame:
+    """Return one row for each quantity of each vehicle."""
+    rows = []
+    for seed in range(first, first + vehicles):
+        vehicle, start, truth = random_vehicle(seed)
+        found = identify([simulated_log(vehicle, seed)], start)
+        for name, estimate in found.estimates.items():
+            low, high = estimate.interval
+            row = {
+                "vehicle": seed,
+                "base": vehicle.name,
+                "quantity": name,
+                "true": truth[name],
+                "value": estimate.value,
+            }
+            rows.append(row | {"low": low, "high": high, "identified": estimate.identified})
+        print(pd.DataFrame(rows[-len(QUANTITIES) :]).to_string(), flush=True)
+    return pd.DataFrame(rows)
+
+
+def summary(table: pd.DataFrame) -> pd.DataFrame:
+    """Return for each quantity how often it is identified, the median and largest error, and the coverage."""
+    known = table[table.identified]
+    error = (known.value / known.true - 1.0).abs()
+    covered = (known.low <= known.true) & (known.true <= known.high)
+    groups = known.quantity
+    parts = {
+        "identified": table.groupby("quantity").identified.mean(),
+        "median error": error.groupby(groups).median(),
+        "largest error": error.groupby(groups).max(),
+        "coverage": covered.groupby(groups).mean(),
+    }
+    listed = known.quantity.isin(LISTED)
+    print(f"coverage of all identified: {covered.mean():.1%}; listed within 5 %: {(error[listed] < 0.05).mean():.1%}")
+    return pd.DataFrame(parts).loc[list(QUANTITIES)]
+
+
+def public(paths: list[Path], columns: Path, start: str) -> None:
+    """Print the errors on each log of the vehicles that were fitted on the other ones, as ratios of the start's."""
+    vehicle = as_vehicle(start)
+    logs = [read_log(path, columns) for path in paths]
+    for fitted in logs:
+        found = identify([fitted], vehicle, training=1.0)
+        print(f"\nFitted on {fitted.name}\n{found.table()}", flush=True)
+        for log in logs:
+            errors = compare(log, {start: vehicle, "identified": found.vehicle}, delay=found.delay)
+            for channel in ("position", "attitude"):
+                for time in (0.1, 0.25, 0.5):
+                    at = round(time / log.period)
+                    new, old, held = (errors[name][channel][at] for name in ("identified", start, "held"))
+                    ratios = f"{new / old:.2f} of {start}, {new / held:.2f} of held"
+                    print(f"  on {log.name}: {channel} at {time:g} s: {ratios}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--vehicles", type=int, default=20, help="number of simulated vehicles")
+    parser.add_argument("--logs", type=Path, nargs="+", help="public logs, instead of simulated vehicles")
+    parser.add_argument("--columns", type=Path, help="TOML file with the columns of the logs")
+    parser.add_argument("--start", default="crazyflie-brushless", help="vehicle where fits begin")
+    given = parser.parse_args()
+    if given.logs:
+        public(given.logs, given.columns, given.start)
+    else:
+        table = simulated(given.vehicles)
+        PATH.parent.mkdir(exist_ok=True)
+        table.to_csv(PATH, index=False, float_format="%.6g")
+        print(summary(table).to_string(float_format="{:.3f}".format))

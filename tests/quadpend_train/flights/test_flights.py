@@ -1,0 +1,147 @@
+"""Flight logs: readers, replay, identification, and the files that follow."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+from experiments.identification import LISTED, random_vehicle
+from quadpend_gym.scenarios import find_scenarios
+from quadpend_gym.vehicles import Vehicle
+from quadpend_gym.vehicles.vehicle import as_vehicle
+from quadpend_train.cli.main import main
+from quadpend_train.flights.flight_log import Columns, FlightLog, make_log
+from quadpend_train.flights.identify import Identification, check_log, identify
+from quadpend_train.flights.readers import PX4, read_log
+from quadpend_train.flights.replay import compare, errors, fly, windows_of, without_pole
+from quadpend_train.flights.simulated import Noise, simulated_log
+from quadpend_train.flights.vehicle_file import write_vehicle
+
+SEED = 1
+EXACT = Noise(position=0.0, attitude=0.0, rate=0.0, motors=0.0, delay=0.0, rate_of_log=200.0)
+
+
+@pytest.fixture(scope="module")
+def log() -> FlightLog:
+    return simulated_log(random_vehicle(SEED)[0], SEED, duration=16.0)
+
+
+@pytest.fixture(scope="module")
+def found(log: FlightLog) -> Identification:
+    return identify([log], random_vehicle(SEED)[1])
+
+
+def motors_table(log: FlightLog, path: Path) -> pd.DataFrame:
+    log.save(path)
+    return pd.read_csv(path)
+
+
+def test_a_replay_of_an_exact_log_repeats_it() -> None:
+    vehicle = without_pole(random_vehicle(SEED)[0])
+    log = simulated_log(vehicle, 0, EXACT, duration=4.0)
+    windows = windows_of(log, 0.5, 0.1)
+    motion = fly(windows, vehicle, vehicle.rotors.thrust_coefficient, delay=0.5 * log.period)  # type: ignore[union-attr]
+    assert np.abs(errors(motion, windows)[-1, :, 6:9]).max() < 5e-3  # rad; the velocities of the log are smoothed
+
+
+def test_a_log_survives_its_csv_file(log: FlightLog, tmp_path: Path) -> None:
+    log.save(tmp_path / "log.csv")
+    again = read_log(tmp_path / "log.csv")
+    assert again.period == pytest.approx(log.period)
+    for name in ("position", "velocity", "quaternion", "rate", "motors"):
+        assert_allclose(getattr(again, name), getattr(log, name)[: len(again)], atol=1e-6)
+
+
+def test_units_and_frames_of_columns_are_converted(log: FlightLog, tmp_path: Path) -> None:
+    table = motors_table(log, tmp_path / "log.csv")
+    down = table * np.where(table.columns.isin(["y", "z", "vy", "vz", "qy", "qz", "wy", "wz"]), -1.0, 1.0)
+    down["time"] *= 1e6
+    px4 = make_log("down", down, replace(PX4, motors=("motor1", "motor2", "motor3", "motor4")))
+    assert_allclose(px4.position, log.position[: len(px4)], atol=1e-6)
+    assert_allclose(px4.rate, log.rate[: len(px4)], atol=1e-6)
+    assert not px4.has_speeds
+    with pytest.raises(ValueError, match="has no column 'motor9'"):
+        make_log("bad", table, Columns(motors=("motor9", "motor2", "motor3", "motor4")))
+
+
+def test_a_gap_is_in_no_window(log: FlightLog, tmp_path: Path) -> None:
+    table = motors_table(log, tmp_path / "log.csv")
+    kept = make_log("gap", table[(table.time < 5.0) | (table.time > 6.0)], Columns())
+    windows = windows_of(kept, 0.4, 0.1)
+    assert kept.valid[windows.samples].all()
+
+
+def test_the_listed_quantities_are_identified_within_five_percent(found: Identification) -> None:
+    truth = random_vehicle(SEED)[2]
+    for name in LISTED:
+        assert found.estimates[name].identified, name
+        assert found.estimates[name].value == pytest.approx(truth[name], rel=0.05), name
+
+
+def test_the_identified_vehicle_predicts_the_held_out_part_better_than_its_start(found: Identification) -> None:
+    start = random_vehicle(SEED)[1]
+    errors_of = compare(found.held_out[0], {"start": start, "new": found.vehicle}, delay=found.delay)
+    for channel in ("position", "attitude"):
+        assert errors_of["new"][channel][-1] < 0.5 * min(errors_of[name][channel][-1] for name in ("start", "held"))
+
+
+def test_what_the_log_does_not_show_is_named_with_a_manoeuvre(log: FlightLog) -> None:
+    log = log.part(0.0, 0.35)
+    hover = replace(
+        log,
+        position=0.0 * log.position,
+        velocity=0.0 * log.velocity,
+        quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (len(log), 1)),
+        rate=np.random.default_rng(0).normal(0.0, 0.02, log.rate.shape),
+        motors=np.full_like(log.motors, log.motors.mean()),
+    )
+    sentences = identify([hover], random_vehicle(SEED)[1]).sentences()
+    assert "torque_per_thrust is not identified; fly yaw steps" in sentences
+    assert not [sentence for sentence in sentences if sentence.startswith("thrust_coefficient")]
+
+
+def test_a_wrong_order_of_motors_or_quaternions_is_said(log: FlightLog) -> None:
+    start = random_vehicle(SEED)[1]
+    check_log(log, start)
+    with pytest.raises(ValueError, match="rotors 1 to 4 turn the body like columns 4, 3, 2, 1 of"):
+        check_log(replace(log, motors=log.motors[:, ::-1]), start)
+    with pytest.raises(ValueError, match="check the order of the quaternion"):
+        check_log(replace(log, quaternion=log.quaternion[:, [1, 2, 3, 0]]), start)
+
+
+def test_training_takes_the_vehicle_and_its_ranges(found: Identification, tmp_path: Path) -> None:
+    start: Vehicle = random_vehicle(SEED)[1]
+    path = write_vehicle(found, start, tmp_path / "mine.toml")
+    again = as_vehicle(str(tmp_path / "mine.toml"))
+    assert_allclose(again.inertia_matrix, found.vehicle.inertia_matrix, rtol=1e-3)
+    assert again.pole == start.pole
+    scenarios = find_scenarios([str(path)])
+    assert len(scenarios) == 3
+    for scenario in scenarios.values():
+        assert scenario.vehicle == again
+        assert scenario.parameters is not None
+        assert scenario.loop is not None
+        assert scenario.loop.rotor_lag is not None
+
+
+def test_the_commands_reach_a_picture(log: FlightLog, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log.save(tmp_path / "log.csv")
+    main(["replay", str(tmp_path / "log.csv"), "--vehicle", "crazyflie-brushless", "--out", str(tmp_path / "a.png")])
+    assert "attitude, °" in capsys.readouterr().out
+    assert (tmp_path / "a.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(("package", "suffix"), [("pyulog", ".ulg"), ("orangebox", ".bbl")])
+def test_a_missing_reader_is_named_with_its_extra(
+    package: str, suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, package, None)
+    with pytest.raises(SystemExit):
+        main(["replay", str(tmp_path / f"log{suffix}"), "--vehicle", "hummingbird"])
+    assert (
+        f"this command needs {package}, which is not installed: pip install 'quadpend-gym[logs]'"
+        in capsys.readouterr().err
+    )

@@ -1,0 +1,73 @@
+"""The commands about flight logs: `replay` and `identify`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from quadpend_gym.core.settings import Range
+
+Seconds = Annotated[float, Range(0.05, 10.0, "s")]
+
+
+def replay(
+    log: tyro.conf.Positional[Path],
+    vehicle: tuple[str, ...],
+    columns: Path | None = None,
+    horizon: Seconds = 0.5,
+    delay: Annotated[float, Range(-1.0, 1.0, "s")] = 0.0,
+    out: Path | None = None,
+) -> None:
+    """Fly vehicles open loop under the motor commands of a flight log, and compare them with the log.
+
+    Args:
+        log: Flight log: a CSV file, a PX4 log (.ulg) or a Betaflight log (.bbl, .bfl).
+        vehicle: Vehicles: presets or TOML files.
+        columns: TOML file with the names and units of the log's columns.
+        horizon: Length of the windows, s.
+        delay: Time by which the log of the motion is later than that of the motors, s; identify prints it.
+        out: Picture of the errors over the horizon (.png).
+    """
+    from quadpend_gym.vehicles.vehicle import as_vehicle
+    from quadpend_train.flights.readers import read_log
+    from quadpend_train.flights.replay import compare, draw, table
+
+    found = compare(read_log(log, columns), {name: as_vehicle(name) for name in vehicle}, horizon, delay)
+    print(table(found))
+    if out:
+        draw(found, out)
+        print(f"Written: {out}")
+
+
+def identify(
+    logs: tyro.conf.Positional[tuple[Path, ...]],
+    vehicle: str,
+    columns: Path | None = None,
+    out: Path = Path("vehicle.toml"),
+) -> None:
+    """Identify a vehicle from flight logs, and write its file and scenarios for training.
+
+    Args:
+        logs: Flight logs of one vehicle without a pole, as in replay.
+        vehicle: Vehicle with the true mass and rotor positions, a preset or a TOML file; the fit begins with it.
+        columns: TOML file with the names and units of the logs' columns.
+        out: Vehicle file. The scenarios are beside it, in NAME-training.toml.
+    """
+    from quadpend_gym.vehicles import Simulation, doubts
+    from quadpend_gym.vehicles.vehicle import as_vehicle
+    from quadpend_train.flights.identify import identify as identify_from
+    from quadpend_train.flights.readers import read_log
+    from quadpend_train.flights.replay import compare, table
+    from quadpend_train.flights.vehicle_file import write_vehicle
+
+    start = as_vehicle(vehicle)
+    found = identify_from([read_log(path, columns) for path in logs], start)
+    print(found.table())
+    for log in found.held_out:
+        print(f"\nThe held-out part of {log.name}:")
+        print(table(compare(log, {start.name: start, "identified": found.vehicle}, delay=found.delay)))
+    print()
+    for sentence in [*found.sentences(), *doubts(Simulation(vehicle=found.vehicle, interface="body_rates"))]:
+        print(f"Note: {sentence}.")
+    training = write_vehicle(found, start, out)
+    print(f"Written: {out} and {training}\nTrain: quadpend train --scenarios {training}")

@@ -1,0 +1,175 @@
+"""Flight logs as arrays on an even time grid, made of tables with named columns.
+
+World frame: z up. Body frame: x forward, y left, z up. Quaternions are w, x, y, z, and map body vectors to the world.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pandas as pd
+from scipy.signal import savgol_filter
+from scipy.spatial.transform import Rotation, Slerp
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.settings import Interval, Range, settings, suggest
+
+_SMOOTHING = 0.05  # s: half width of the parabola that differentiates a log without velocities or body rates
+_LONGEST_GAP = 3.5  # periods without a sample; windows of a replay contain no longer gap
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_SPEEDS = {"rad/s": 1.0, "rpm": np.pi / 30.0, "100 rpm": np.pi / 0.3, "N": 1.0, "1": 1.0}
+_RATES = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
+Three = tuple[str, str, str]
+Four = tuple[str, str, str, str]
+
+
+@settings
+class Columns:
+    """Names and units of the columns of a log. The default is that of the logs that `FlightLog.save` writes."""
+
+    time: str = "time"
+    position: Three | None = ("x", "y", "z")  # m; None: the log has neither position nor velocity
+    # body to world, in the order w, x, y, z; None: integral of the body rate, which then must be given
+    quaternion: Four | None = ("qw", "qx", "qy", "qz")
+    motors: Four = ("motor1", "motor2", "motor3", "motor4")  # in the order of the vehicle's rotors
+    velocity: Three | None = None  # m/s, in the world frame; None: derivative of the position
+    rate: Three | None = None  # in the body frame; None: derivative of the attitude
+    rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    # speeds, thrusts in N, or "1": commands in [0, 1] whose square is proportional to the thrust
+    motor_unit: Literal["rad/s", "rpm", "100 rpm", "N", "1"] = "rad/s"
+    poles: Annotated[int, Range(1, 100)] = 1  # pairs of poles of a motor: electrical revolutions in each of its own
+    # "up": z up, body x forward, y left; "down": z down, body x forward, y right, as in PX4
+    frame: Literal["up", "down"] = "up"
+    seconds: Annotated[Interval, Range(0.0, 1e9, "s")] = (0.0, 1e9)  # part of the log to read, from its first row on
+
+    def __post_init__(self) -> None:
+        if self.rate is None and self.quaternion is None:
+            raise ValueError("columns must name the quaternion, the rate, or both")
+
+
+DEFAULT = Columns(velocity=("vx", "vy", "vz"), rate=("wx", "wy", "wz"))
+
+
+@dataclass(frozen=True)
+class FlightLog:
+    """A flight at n times with even distances.
+
+    Attributes:
+        name: Name of the log.
+        period: Distance of the times, s.
+        position: World frame, m, shape (n, 3).
+        velocity: World frame, m/s, shape (n, 3).
+        quaternion: Body to world, shape (n, 4).
+        rate: Body rate, body frame, rad/s, shape (n, 3).
+        motors: Speeds of the rotors, rad/s, in the order of the vehicle; or numbers whose squares are proportional to
+            the thrusts; shape (n, 4).
+        has_speeds: Whether `motors` are speeds in rad/s.
+        has_position: Whether position and velocity are measured; otherwise they are zero.
+        valid: Whether the log has samples around a time, shape (n,).
+    """
+
+    name: str
+    period: float
+    position: Floats
+    velocity: Floats
+    quaternion: Floats
+    rate: Floats
+    motors: Floats
+    has_speeds: bool
+    has_position: bool
+    valid: Any
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @property
+    def rotation(self) -> Rotation:
+        """The attitude, body to world."""
+        return Rotation.from_quat(self.quaternion, scalar_first=True)
+
+    def part(self, first: float, last: float) -> "FlightLog":
+        """Return the part from one share of the log to another, such as the first 70 %: ``part(0.0, 0.7)``."""
+        cut = slice(int(first * len(self)), int(last * len(self)))
+        arrays = ("position", "velocity", "quaternion", "rate", "motors", "valid")
+        return replace(self, **{name: getattr(self, name)[cut] for name in arrays})
+
+    def save(self, path: str | Path) -> None:
+        """Write a CSV file with the default columns."""
+        names = [DEFAULT.time, "x", "y", "z", "vx", "vy", "vz", "qw", "qx", "qy", "qz", "wx", "wy", "wz"]
+        arrays = (self.period * np.arange(len(self)), self.position, self.velocity, self.quaternion, self.rate)
+        table = pd.DataFrame(np.column_stack([*arrays, self.motors]), columns=[*names, *DEFAULT.motors])
+        table[self.valid].to_csv(path, index=False)
+
+
+def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
+    """Return a log from a table: on an even grid, in the package's frames, with the derivatives that it lacks."""
+    vectors = (columns.position, columns.velocity, columns.quaternion, columns.rate)
+    wanted = [columns.time, *columns.motors, *(name for names in vectors for name in names or ())]
+    for column in wanted:
+        if column not in table:
+            raise ValueError(
+                f"the log {name!r} has no column {column!r}{suggest(column, list(table))}; name its columns"
+            )
+    time = table[columns.time].to_numpy(float) * _SECONDS[columns.time_unit]
+    numbers = table[wanted].to_numpy(float)
+    since = time - time[0]
+    keep = np.isfinite(numbers).all(axis=1) & (since >= columns.seconds[0]) & (since <= columns.seconds[1])
+    table, time = table[keep], time[keep]
+    if (np.diff(time) < 0.0).any():
+        raise ValueError(f"the log {name!r} must have increasing time stamps")
+    table, time = table[np.append(True, np.diff(time) > 0.0)], np.unique(time)
+    if len(time) < 10:
+        raise ValueError(f"the log {name!r} must have at least ten complete rows")
+    period = round(float(np.median(np.diff(time))), 6)
+    grid = np.arange(time[0], time[-1], period)
+
+    def resampled(names: Sequence[str]) -> Floats:
+        return np.column_stack([np.interp(grid, time, table[name].to_numpy(float)) for name in names])
+
+    flip = np.array([1.0, 1.0, 1.0] if columns.frame == "up" else [1.0, -1.0, -1.0])
+    if columns.quaternion:
+        quaternions = table[list(columns.quaternion)].to_numpy(float) * np.append(1.0, flip)
+        rotation = Slerp(time, Rotation.from_quat(quaternions, scalar_first=True))(grid)
+    rate = flip * resampled(columns.rate) * _RATES[columns.rate_unit] if columns.rate else body_rate(rotation, period)
+    if not columns.quaternion:
+        rotation = _integral(rate, period)
+    position = flip * resampled(columns.position) if columns.position else np.zeros((len(grid), 3))
+    velocity = flip * resampled(columns.velocity) if columns.velocity else derivative(position, period)
+    motors = resampled(columns.motors) * _SPEEDS[columns.motor_unit] / columns.poles
+    after = np.searchsorted(time, grid).clip(1)
+    return FlightLog(
+        name,
+        period,
+        position,
+        velocity,
+        rotation.as_quat(scalar_first=True),
+        rate,
+        np.sqrt(np.maximum(motors, 0.0)) if columns.motor_unit == "N" else motors,
+        columns.motor_unit in ("rad/s", "rpm", "100 rpm"),
+        columns.position is not None,
+        time[after] - time[after - 1] < _LONGEST_GAP * period,
+    )
+
+
+def derivative(values: Floats, period: float) -> Floats:
+    """Return the derivative by time of values of shape (n, …), from parabolas through ± 50 ms."""
+    half = max(1, round(_SMOOTHING / period))
+    return np.asarray(savgol_filter(values, 2 * half + 1, 2, deriv=1, delta=period, axis=0))
+
+
+def body_rate(rotation: Rotation, period: float) -> Floats:
+    """Return the body rate of an attitude over time, rad/s, shape (n, 3)."""
+    matrix = rotation.as_matrix()
+    change = np.einsum("nji,njk->nik", matrix, derivative(matrix, period))  # RᵀṘ
+    return np.asarray((change[:, [2, 0, 1], [1, 2, 0]] - change[:, [1, 2, 0], [2, 0, 1]]) / 2.0)
+
+
+def _integral(rate: Floats, period: float) -> Rotation:
+    """Return the attitude that begins level and turns with the body rate."""
+    turns, out = Rotation.from_rotvec(period * 0.5 * (rate[1:] + rate[:-1])), [Rotation.identity()]
+    for turn in turns:
+        out.append(out[-1] * turn)
+    return Rotation.concatenate(out)

@@ -1,0 +1,336 @@
+"""Identification of a vehicle from flight logs by output-error fits.
+
+The vehicle flies the windows of the logs open loop (`replay`). A fit minimises the errors of position, attitude and
+body rate at several times of a window, each divided by its root mean square, with a loss that is linear for large
+errors. The logged start of a window has errors too: what a small change of the start explains is subtracted from the
+errors of each window. The velocity does not count, since most logs have it from a filter, whose lag would be fitted.
+Mass, gravity and the geometry of the rotors are known. From motions and motor numbers follow:
+
+| name                   | what the log shows                                                                        |
+|------------------------|-------------------------------------------------------------------------------------------|
+| `thrust_coefficient`   | thrust per squared motor number: the mass times an acceleration                           |
+| `inertia_roll`, `_pitch` | torque, which is arm times thrust, per angular acceleration                               |
+| `torque_per_thrust`    | only κ/I_z: the inertia of yaw is assumed, see below                                      |
+| `lag`, `delay`         | first-order lag of the thrusts, and how much later than the motors the motion is logged   |
+| `drag_x`, `_y`, `_z`   | drag per velocity along the body axes                                                     |
+| `drag_height`          | torque of this drag per force: where it acts above the centre of mass                     |
+| `angular_drag`, `_yaw` | torque against the body rate, about x and y, and about z                                  |
+| `centre_x`, `centre_y` | centre of mass in the frame of the rotors' positions, from the trim of the thrusts        |
+
+The inertia of yaw keeps its ratio to the sum of the two others, which the start vehicle has.
+
+Intervals: 95 %, from the covariance of blocks of windows, H⁻¹ (Σ gᵦ gᵦᵀ) H⁻¹ with the gradient gᵦ of each block, the
+Hessian H = Jᵀ diag(ρ″) J of the loss ρ, and Student's t. Errors in neighbouring windows depend on each other, which H⁻¹
+alone leaves out. Noise of the motor numbers biases the fit, which the intervals leave out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import savgol_filter
+from scipy.stats import t as student
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.vehicles import Drag, Vehicle, rotors_of
+from quadpend_gym.vehicles.vehicle import FASTEST_LOOP
+from quadpend_train.flights.flight_log import FlightLog, body_rate, derivative
+from quadpend_train.flights.replay import Windows, errors, fly, hover_coefficient, windows_of, without_pole
+
+TRAINING = 0.7  # share of each log for the fit; the rest is held out
+_HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 20  # s, s; times in a window at which errors count
+_BLOCKS = 30
+UNIDENTIFIED, _BLIND = 0.2, 1.0  # relative standard deviations; beyond the second, the value of the start is better
+_PASSES = 2  # fits, between which the errors are scaled anew
+_IGNORED = 1e9  # scale of errors that do not count
+_STEP = 1e-4  # of forward differences, as a share of a quantity's size
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a fit varies: unit, bounds and size as multiples of what `_sizes` says, and the manoeuvre that shows it."""
+
+    unit: str
+    low: float
+    high: float
+    manoeuvre: str
+
+
+_SPEED, _TURN = "fast straight flight to all sides", "quick rolls and pitches to both sides"
+QUANTITIES = {
+    "thrust_coefficient": Quantity("N per squared motor number", 0.3, 3.0, "climbs and descents"),
+    "torque_per_thrust": Quantity("m", 0.1, 10.0, "yaw steps"),
+    "inertia_roll": Quantity("kg·m²", 0.1, 10.0, "quick rolls to both sides"),
+    "inertia_pitch": Quantity("kg·m²", 0.1, 10.0, "quick pitches to both sides"),
+    "lag": Quantity("s", 0.02, 5.0, _TURN),
+    "delay": Quantity("s", -5.0, 5.0, _TURN),
+    "drag_x": Quantity("N·s/m", 0.0, 20.0, _SPEED),
+    "drag_y": Quantity("N·s/m", 0.0, 20.0, _SPEED),
+    "drag_z": Quantity("N·s/m", 0.0, 20.0, "fast climbs and descents"),
+    "drag_height": Quantity("m", -6.0, 6.0, _SPEED),
+    "angular_drag": Quantity("N·m·s/rad", 0.0, 50.0, _TURN),
+    "angular_drag_yaw": Quantity("N·m·s/rad", 0.0, 50.0, "long turns about the vertical"),
+    "centre_x": Quantity("m", -0.5, 0.5, "hover"),
+    "centre_y": Quantity("m", -0.5, 0.5, "hover"),
+}
+_FROM_ZERO = ("delay", "drag_height", "centre_x", "centre_y")  # may be zero: their size is the scale of the precision
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A quantity: value, standard deviation, 95 % interval, whether the log shows it, and whether it says nothing."""
+
+    name: str
+    value: float
+    deviation: float
+    interval: tuple[float, float]
+    identified: bool
+    blind: bool
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Result of `identify`.
+
+    Attributes:
+        vehicle: The vehicle; quantities about which the log says nothing have the values of the start vehicle.
+        coefficient: Thrust per squared motor number, N.
+        delay: Time by which the motion is logged later than the motors, s.
+        estimates: All quantities by name.
+        fitted, held_out: The logs' parts for the fit and for the test.
+    """
+
+    vehicle: Vehicle
+    coefficient: float
+    delay: float
+    estimates: dict[str, Estimate]
+    fitted: list[FlightLog]
+    held_out: list[FlightLog]
+
+    def table(self) -> str:
+        """Return the quantities with their 95 % intervals as lines of text."""
+        lines = [f"{'quantity':<20}{'value':>12}{'95 % interval':>26}  unit"]
+        for name, found in self.estimates.items():
+            low, high = found.interval
+            shown = f"{low:.4g} to {high:.4g}" if found.identified else "not identified"
+            lines.append(f"{name:<20}{found.value:>12.4g}{shown:>26}  {QUANTITIES[name].unit}")
+        return "\n".join(lines)
+
+    def sentences(self) -> list[str]:
+        """Return what the logs do not show, with the manoeuvre that would."""
+        hidden = [name for name, found in self.estimates.items() if not found.identified]
+        return [f"{name} is not identified; fly {QUANTITIES[name].manoeuvre}" for name in hidden]
+
+
+def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINING) -> Identification:
+    """Identify a vehicle from logs of flights without a pole.
+
+    Args:
+        logs: Logs of one vehicle with the same motor numbers.
+        start: Vehicle with the true mass and geometry; everything else is where the fit begins.
+        training: Share of each log for the fit.
+    """
+    for log in logs:
+        check_log(log, start)
+    fitted = [log.part(0.0, training) for log in logs]
+    fit = _Fit([windows_of(log, _HORIZON, _STRIDE) for log in fitted], start)
+    values = fit.start
+    for _ in range(_PASSES):
+        fit.scale(values)
+        values = fit.solve(values)
+    estimates = fit.estimates(values)
+    if hidden := [name for name, found in estimates.items() if found.blind and name != "delay"]:
+        fixed = {name: fit.known[name] for name in hidden}  # again, with what the log does not show as in the start
+        values = fit.solve({**values, **fixed}, [name for name in values if name not in hidden])
+        shown = fit.estimates(values, [name for name in values if name not in hidden])
+        estimates = {name: shown.get(name, found) for name, found in estimates.items()}
+    vehicle = replace(fit.vehicle(values), pole=start.pole, pivot=start.pivot, name="identified")
+    held_out = [log.part(training, 1.0) for log in logs] if training < 1.0 else []
+    return Identification(vehicle, values["thrust_coefficient"], values["delay"], estimates, fitted, held_out)
+
+
+class _Fit:
+    """The errors of a vehicle in the windows of logs as functions of the quantities."""
+
+    def __init__(self, windows: Sequence[Windows], start: Vehicle) -> None:
+        self.windows, self.base = windows, without_pole(start)
+        rotors, mass = rotors_of(start), start.mass
+        arm = float(np.abs(np.array(rotors.positions)[:, :2]).max())
+        coefficient = float(np.mean([hover_coefficient(each.log, mass, start.gravity) for each in windows]))
+        roll, pitch, _ = np.diag(start.inertia_matrix).tolist()
+        lag, drag = max(0.5 * sum(rotors.lags), 0.02), 0.2 * mass
+        self.sizes = {
+            "thrust_coefficient": coefficient,
+            "torque_per_thrust": rotors.torque_per_thrust,
+            "inertia_roll": roll,
+            "inertia_pitch": pitch,
+            "lag": lag,
+            "delay": 0.02,
+            **dict.fromkeys(("drag_x", "drag_y", "drag_z"), drag),
+            "drag_height": arm,
+            **dict.fromkeys(("angular_drag", "angular_drag_yaw"), roll),
+            **dict.fromkeys(("centre_x", "centre_y"), 0.1 * arm),
+        }
+        self.start = {name: 0.0 if name in _FROM_ZERO else size for name, size in self.sizes.items()}
+        kept = rotors.thrust_coefficient if windows[0].log.has_speeds else None
+        x, y, z = start.drag.rotor
+        self.known = self.start | {"drag_x": x, "drag_y": y, "drag_z": z, "drag_height": start.drag.height}
+        self.known |= {"thrust_coefficient": kept or coefficient, "lag": max(0.5 * sum(rotors.lags), 1e-4)}
+        self.known |= {"angular_drag": start.drag.angular[0], "angular_drag_yaw": start.drag.angular[2]}
+        self.at = np.unique(np.linspace(0, windows[0].steps, _TIMES + 1).round().astype(int))
+        self.scales: Any = 1.0
+        self.slopes: Any = None  # of the errors by the starts of the windows, shape (w, 12, 12 times)
+        self.gains: Any = None  # the starts that explain errors best, shape (w, 12, 12 times)
+
+    def vehicle(self, values: dict[str, float]) -> Vehicle:
+        """Return the vehicle with these values, with a nearly weightless pole."""
+        v, base, rotors = values, self.base, rotors_of(self.base)
+        roll, pitch, yaw = np.diag(base.inertia_matrix).tolist()
+        inertia = v["inertia_roll"], v["inertia_pitch"]
+        centre = np.array([v["centre_x"], v["centre_y"], 0.0])
+        positions: Any = tuple(map(tuple, np.array(rotors.positions) - centre))
+        log = self.windows[0].log
+        most = v["thrust_coefficient"] * max(float(each.log.motors.max()) for each in self.windows) ** 2
+        return replace(
+            base,
+            inertia=(*inertia, sum(inertia) * yaw / (roll + pitch)),
+            rotors=replace(
+                rotors,
+                positions=positions,
+                torque_per_thrust=v["torque_per_thrust"],
+                lag_up=v["lag"],
+                lag_down=None,
+                thrust=(0.0, max(most, 0.3 * base.weight)),
+                thrust_coefficient=v["thrust_coefficient"] if log.has_speeds else rotors.thrust_coefficient,
+            ),
+            drag=Drag(
+                rotor=(v["drag_x"], v["drag_y"], v["drag_z"]),
+                angular=(v["angular_drag"], v["angular_drag"], v["angular_drag_yaw"]),
+                height=v["drag_height"],
+            ),
+            rate_loop=replace(base.rate_loop, time_constant=max(base.rate_loop.time_constant, FASTEST_LOOP * v["lag"])),
+        )
+
+    def errors(self, values: dict[str, float]) -> Floats:
+        """Return the scaled errors at the chosen times, shape (times, w, 12)."""
+        vehicle, coefficient, delay = self.vehicle(values), values["thrust_coefficient"], values["delay"]
+        found = [errors(fly(each, vehicle, coefficient, delay), each, self.at) for each in self.windows]
+        scaled = np.concatenate(found, axis=1) / self.scales
+        if self.slopes is None:
+            return np.asarray(scaled)
+        flat = np.swapaxes(scaled, 0, 1).reshape(scaled.shape[1], -1)
+        starts = np.einsum("wsn,wn->ws", self.gains, flat)
+        flat = flat - np.einsum("wsn,ws->wn", self.slopes, starts)
+        return np.ascontiguousarray(np.swapaxes(flat.reshape(scaled.shape[1], scaled.shape[0], 12), 0, 1))
+
+    def scale(self, values: dict[str, float]) -> None:
+        """Divide errors from now on by their root mean square with these values, over times, windows and axes.
+
+        What the starts of the windows explain is subtracted from now on.
+        """
+        self.scales, self.slopes = np.ones(12), None
+        vehicle, coefficient, delay = self.vehicle(values), values["thrust_coefficient"], values["delay"]
+
+        def moved(offset: Floats) -> Any:
+            found = [errors(fly(each, vehicle, coefficient, delay, offset), each, self.at) for each in self.windows]
+            return np.swapaxes(np.concatenate(found, axis=1), 0, 1)
+
+        by_start = np.stack([moved(_STEP * unit) - moved(np.zeros(12)) for unit in np.eye(12)], axis=1) / _STEP
+        for _ in range(2):  # the second time without what the starts explain
+            found = self.errors(values) * self.scales
+            size = np.sqrt((found.reshape(*found.shape[:2], 4, 3) ** 2).mean(axis=(0, 1, 3)))
+            size[1] = _IGNORED
+            if not all(each.log.has_position for each in self.windows):
+                size[0] = _IGNORED
+            self.scales = np.repeat(np.maximum(size, 1e-9), 3)
+            slopes = (by_start / self.scales).reshape(*by_start.shape[:2], -1)
+            slopes /= np.maximum(np.linalg.norm(slopes, axis=2, keepdims=True), 1e-6)
+            self.slopes = slopes
+            self.gains = np.linalg.solve(slopes @ np.swapaxes(slopes, 1, 2) + 1e-9 * np.eye(12), slopes)
+
+    def jacobian(self, values: dict[str, float], names: Sequence[str]) -> Floats:
+        """Return the derivatives of the errors by quantities in units of their sizes, shape (times, w, 12, k)."""
+        here = self.errors(values)
+        moved = (self.errors({**values, name: values[name] + _STEP * self.sizes[name]}) for name in names)
+        return np.stack([(there - here) / _STEP for there in moved], axis=-1)
+
+    def solve(self, values: dict[str, float], names: Sequence[str] = tuple(QUANTITIES)) -> dict[str, float]:
+        """Return the values that minimise the loss of the errors, beginning with these."""
+
+        def full(x: Any) -> dict[str, float]:
+            return values | {name: float(a) * self.sizes[name] for name, a in zip(names, x, strict=True)}
+
+        def function(x: Any) -> Any:
+            return self.errors(full(x)).ravel()
+
+        def slopes(x: Any) -> Any:
+            return self.jacobian(full(x), names).reshape(-1, len(names))
+
+        bounds: Any = np.array([(QUANTITIES[name].low, QUANTITIES[name].high) for name in names]).T
+        found = least_squares(
+            function,
+            np.clip([values[name] / self.sizes[name] for name in names], bounds[0] + 1e-6, bounds[1] - 1e-6),
+            slopes,
+            bounds=(bounds[0], bounds[1]),
+            loss="soft_l1",
+            xtol=1e-4,
+            ftol=1e-5,
+            max_nfev=30,
+        )
+        return full(found.x)
+
+    def estimates(self, values: dict[str, float], names: Sequence[str] = tuple(QUANTITIES)) -> dict[str, Estimate]:
+        """Return the quantities with their deviations and intervals."""
+        found, slopes = self.errors(values), self.jacobian(values, names)
+        weight = (1.0 + found**2) ** -0.5  # of the loss
+        information = np.einsum("twci,twcj,twc->ij", slopes, slopes, weight**3)  # ρ″ = weight³
+        inverse = np.linalg.inv(information + 1e-9 * np.eye(len(names)))  # what nothing shows gets a huge variance
+        gradients = np.einsum("twci,twc->wi", slopes, weight * found)
+        count = min(_BLOCKS, len(gradients))
+        blocks = np.array([part.sum(axis=0) for part in np.array_split(gradients, count)])
+        spread = inverse @ (blocks.T @ blocks) @ inverse * count / (count - 1.0)
+        fisher = np.diag(inverse) * np.mean(weight * found**2)
+        deviations = np.sqrt(np.maximum(np.diag(spread), fisher))
+        reach, out = float(student.ppf(0.975, count - 1)), {}
+        for name, deviation in zip(names, deviations.tolist(), strict=True):
+            value, size, quantity = values[name], self.sizes[name], QUANTITIES[name]
+            d = deviation * size
+            at_bound = not quantity.low * 1.01 * size < value < quantity.high * 0.99 * size
+            share = d / max(abs(value), size if name in _FROM_ZERO else 0.0)
+            interval = value - reach * d, value + reach * d
+            out[name] = Estimate(name, value, d, interval, share < UNIDENTIFIED and not at_bound, share > _BLIND)
+        return out
+
+
+def check_log(log: FlightLog, vehicle: Vehicle) -> None:
+    """Refuse a log whose attitude and body rate contradict each other, or whose motors are in another order."""
+    rate, half = log.rate, max(1, round(0.05 / log.period))
+    turned = body_rate(log.rotation, log.period)
+    axes = [axis for axis in range(3) if rate[:, axis].std() > 0.1]
+    if any(np.corrcoef(rate[:, axis], turned[:, axis])[0, 1] < 0.5 for axis in axes):
+        raise ValueError(
+            f"the log {log.name!r} has body rates that are not those of its attitude: check the order of the quaternion"
+            " (w, x, y, z; body to world), the frame, and the unit rad/s"
+        )
+    if not axes or not np.ptp(log.motors):
+        return  # nothing turns the body
+    rotors = rotors_of(vehicle)
+    x, y, _ = np.array(rotors.positions).T
+    expected = np.array([y, -x])  # yaw is left out: in a controlled flight its regression is not reliable
+    late = round((0.5 * sum(rotors.lags) + 0.01) / log.period)
+    squares = savgol_filter(log.motors**2, 2 * half + 1, 2, axis=0)[: len(log) - late]
+    turning = derivative(rate, log.period)[late:]
+    slopes = np.linalg.lstsq(squares - squares.mean(axis=0), turning - turning.mean(axis=0), rcond=None)[0].T
+
+    def score(order: Sequence[int]) -> float:
+        return float(sum(np.corrcoef(a[list(order)], b)[0, 1] for a, b in zip(slopes[:2], expected, strict=True)))
+
+    best = max(permutations(range(4)), key=score)
+    if score(best) > score(range(4)) + 0.5:
+        raise ValueError(
+            f"the log {log.name!r} has its motors in another order than the vehicle has its rotors: rotors 1 to 4 turn"
+            f" the body like columns {', '.join(str(i + 1) for i in best)} of the present list of motors"
+        )

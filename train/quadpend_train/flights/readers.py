@@ -1,0 +1,71 @@
+"""Readers of flight logs: CSV, PX4 (.ulg) by pyulog, and Betaflight blackbox (.bbl, .bfl) by orangebox."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from quadpend_gym.core.files import read_toml
+from quadpend_train.flights.flight_log import DEFAULT, Columns, FlightLog, make_log
+
+# Motors in the order front left, back left, back right, front right of the presets in X layout.
+PX4 = Columns(
+    velocity=("vx", "vy", "vz"),
+    rate=("wx", "wy", "wz"),
+    motors=("motor3", "motor2", "motor4", "motor1"),
+    time_unit="us",
+    motor_unit="1",
+    frame="down",
+)
+BETAFLIGHT = Columns(
+    position=None,
+    quaternion=None,
+    rate=("gyroADC[0]", "gyroADC[1]", "gyroADC[2]"),
+    rate_unit="deg/s",
+    motors=("eRPM[3]", "eRPM[2]", "eRPM[0]", "eRPM[1]"),
+    time_unit="us",
+    motor_unit="100 rpm",
+    poles=7,
+    frame="up",
+)
+_TOPICS = {  # of PX4: fields and the names of their columns
+    "vehicle_local_position": {name: name for name in ("x", "y", "z", "vx", "vy", "vz")},
+    "vehicle_attitude": {f"q[{i}]": f"q{axis}" for i, axis in enumerate("wxyz")},
+    "vehicle_angular_velocity": {f"xyz[{i}]": f"w{axis}" for i, axis in enumerate("xyz")},
+    "actuator_motors": {f"control[{i}]": f"motor{i + 1}" for i in range(4)},
+}
+
+
+def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> FlightLog:
+    """Read a log; for a CSV file `columns` are a `Columns` or the TOML file of its fields, for others replacements."""
+    path = Path(path)
+    read, default = {".ulg": (_px4, PX4), ".bbl": (_betaflight, BETAFLIGHT), ".bfl": (_betaflight, BETAFLIGHT)}.get(
+        path.suffix.lower(), (pd.read_csv, DEFAULT)
+    )
+    known = Columns(**read_toml(Path(columns))) if isinstance(columns, str | Path) else columns or default
+    return make_log(path.stem, read(path), known)
+
+
+def _px4(path: Path) -> pd.DataFrame:
+    """Return the columns of `_TOPICS` at the times of the attitude, µs."""
+    from pyulog import ULog
+
+    log = ULog(str(path), list(_TOPICS))
+    found = {data.name: data.data for data in reversed(log.data_list)}  # the first instance of each topic
+    if missing := [topic for topic in _TOPICS if topic not in found]:
+        raise ValueError(f"the log {path.name!r} has no topic {missing[0]}")
+    time = found["vehicle_attitude"]["timestamp"].astype(float)
+    columns: dict[str, Any] = {"time": time}
+    for topic, names in _TOPICS.items():
+        stamps = found[topic]["timestamp"].astype(float)
+        columns |= {column: np.interp(time, stamps, found[topic][name]) for name, column in names.items()}
+    return pd.DataFrame(columns)
+
+
+def _betaflight(path: Path) -> pd.DataFrame:
+    """Return all fields of the first flight in a blackbox log."""
+    from orangebox import Parser
+
+    parser = Parser.load(str(path))
+    return pd.DataFrame([frame.data for frame in parser.frames()], columns=parser.field_names)

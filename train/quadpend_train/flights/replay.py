@@ -1,0 +1,203 @@
+"""Replay of a flight log: the vehicle flies open loop from states of the log, under the motor commands of the log.
+
+A window begins with the logged position, velocity, attitude and body rate, and with the rotor thrusts that the commands
+before it have brought. All windows are one batch of the plant. The vehicle has no pole, unless it is asked for.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.plants import RigidPlant
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
+from quadpend_gym.physics.state import STATE_SIZE, State
+from quadpend_gym.vehicles import Pole, RateLoop, Simulation, Vehicle, hover_thrusts, rotors_of
+from quadpend_train.flights.flight_log import FlightLog
+from quadpend_train.reports.figures import add_axes, add_legend, colour, line, new_figure, write_png
+
+CHANNELS = {"position": "mm", "velocity": "mm/s", "attitude": "°", "rate": "°/s"}
+SCALES = {"position": 1e3, "velocity": 1e3, "attitude": np.degrees(1.0), "rate": np.degrees(1.0)}
+_NO_POLE = Pole(mass=1e-5, length=0.5)  # the lightest one; its weight is 0.1 mN
+_LONGEST_STEP = 0.005  # s
+_WARM_UP = 8.0  # lags of the rotors before a window, in which their thrusts forget where they began
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of a log: their first samples, and the number of periods of each.
+
+    Attributes:
+        log: The log.
+        first: Index of the first sample of each window, shape (w,).
+        steps: Periods of a window.
+    """
+
+    log: FlightLog
+    first: Any
+    steps: int
+
+    @property
+    def samples(self) -> Any:
+        """Indices of the samples of the windows, shape (steps + 1, w)."""
+        return self.first + np.arange(self.steps + 1)[:, np.newaxis]
+
+
+def windows_of(log: FlightLog, horizon: float, stride: float) -> Windows:
+    """Return windows of `horizon` seconds that begin every `stride` seconds and have no gap in them."""
+    steps, lead = max(1, round(horizon / log.period)), round(0.5 / log.period)
+    first = np.arange(lead, len(log) - steps - lead, max(1, round(stride / log.period)))
+    gaps = np.append(0, np.cumsum(~log.valid))
+    first = first[gaps[first + steps + 1] == gaps[first]]
+    if not len(first):
+        raise ValueError(f"the log {log.name!r} has no {horizon + 1.0:g} s without a gap")
+    return Windows(log, first, steps)
+
+
+def without_pole(vehicle: Vehicle) -> Vehicle:
+    """Return a vehicle whose pole weighs nearly nothing."""
+    return replace(vehicle, pole=_NO_POLE, pivot=(0.0, 0.0, 0.0))
+
+
+def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0.0, offset: Any = None) -> Any:
+    """Return the motion of a vehicle in all windows as an array of 13 numbers, shape (steps + 1, w, 13).
+
+    Position and velocity (world, m and m/s), quaternion (w, x, y, z), and body rate (rad/s).
+
+    Args:
+        windows: The windows.
+        vehicle: The vehicle, see `without_pole`.
+        coefficient: Thrust per squared number of `FlightLog.motors`, N.
+        delay: Time by which the log of the motion is later than that of the motors, s.
+        offset: Added to each start: position, velocity, attitude (rotation vector) and body rate, shape (12,).
+    """
+    log, lags = windows.log, rotors_of(vehicle).lags
+    low, high = rotors_of(vehicle).thrust
+    damping = float((np.array(vehicle.drag.angular) / np.diag(vehicle.inertia_matrix)).max())  # 1/s
+    substeps = int(np.ceil(log.period * max(1.0 / _LONGEST_STEP, 1.01 * damping)))
+    slow = replace(vehicle, rate_loop=RateLoop(time_constant=1.0))  # it does not act here
+    simulation = Simulation(vehicle=slow, interface="rotors", period=log.period, substeps=substeps)
+    plant, hover = RigidPlant(simulation), hover_thrusts(slow)
+    # The command of a period is that of its middle.
+    times = np.arange(len(log)) + 0.5 - delay / log.period
+    speeds = np.column_stack([np.interp(times, np.arange(len(log)), motor) for motor in log.motors.T])
+    thrusts = np.clip(coefficient * speeds**2, low, high)
+    actions = np.where(thrusts > hover, (thrusts - hover) / (high - hover), (thrusts - hover) / (hover - low))
+
+    count = len(windows.first)
+    state, memory = np.zeros((count, STATE_SIZE)), np.empty((count, plant.memory_size))
+    view = State(state)
+    view.position[:], view.velocity[:] = log.position[windows.first], log.velocity[windows.first]
+    view.direction[:, 2] = 1.0
+    memory[:, QUATERNION:BODY_RATE] = log.quaternion[windows.first]
+    memory[:, BODY_RATE:ROTOR_THRUST] = log.rate[windows.first]
+    if offset is not None:
+        view.position[:] += offset[:3]
+        view.velocity[:] += offset[3:6]
+        turned = log.rotation[windows.first] * Rotation.from_rotvec(offset[6:9])
+        memory[:, QUATERNION:BODY_RATE] = turned.as_quat(scalar_first=True)
+        memory[:, BODY_RATE:ROTOR_THRUST] += offset[9:]
+    memory[:, ROTOR_THRUST:] = _thrusts_at(windows.first, thrusts, lags, log.period)
+    still, parameters = np.zeros((count, 9)), np.tile(simulation.parameters.as_array(), (count, 1))
+    out = np.empty((windows.steps + 1, count, 13))
+    for step in range(windows.steps + 1):
+        out[step] = np.hstack([view.position, view.velocity, memory[:, :ROTOR_THRUST]])
+        if step < windows.steps:
+            plant.advance(state, memory, actions[windows.first + step], still.copy(), parameters)
+    return out
+
+
+def _thrusts_at(first: Any, thrusts: Any, lags: tuple[float, float], period: float) -> Any:
+    """Return the thrusts of the rotors at the samples `first`, shape (w, 4), after `_WARM_UP` lags."""
+    back = min(int(first[0]), int(np.ceil(_WARM_UP * max(lags) / period)))
+    up, down = (np.exp(-period / lag) if lag > 0.0 else 0.0 for lag in lags)
+    now = thrusts[first - back]
+    for step in range(back, 0, -1):
+        wanted = thrusts[first - step]
+        now = wanted + np.where(wanted > now, up, down) * (now - wanted)
+    return now
+
+
+def errors(motion: Any, windows: Windows, steps: Any = slice(None)) -> Any:
+    """Return motion minus log: position, velocity, attitude (rotation vector) and body rate, shape (steps + 1, w, 12).
+
+    `steps` selects steps of the windows.
+    """
+    log, at, motion = windows.log, windows.samples[steps], motion[steps]
+    flown = Rotation.from_quat(motion[..., 6:10].reshape(-1, 4), scalar_first=True)
+    logged = Rotation.from_quat(log.quaternion[at].reshape(-1, 4), scalar_first=True)
+    attitude = (logged.inv() * flown).as_rotvec().reshape(*at.shape, 3)
+    linear = motion[..., :6] - np.concatenate([log.position[at], log.velocity[at]], axis=-1)
+    return np.concatenate([linear, attitude, motion[..., 10:] - log.rate[at]], axis=-1)
+
+
+def rms(found: Any) -> dict[str, Floats]:
+    """Return the root mean square of the length of each error over the windows, SI units, shape (steps + 1,) each."""
+    sizes = np.sqrt((found.reshape(*found.shape[:2], 4, 3) ** 2).sum(axis=-1).mean(axis=1))
+    return dict(zip(CHANNELS, sizes.T, strict=True))
+
+
+def held(windows: Windows) -> Any:
+    """Return the motion with constant velocity and the attitude and body rate of the start, as `fly` does."""
+    log, first = windows.log, windows.first
+    start = np.hstack([log.position[first], log.velocity[first], log.quaternion[first], log.rate[first]])
+    out = np.tile(start, (windows.steps + 1, 1, 1))
+    times = log.period * np.arange(windows.steps + 1)
+    out[..., :3] += times[:, np.newaxis, np.newaxis] * log.velocity[first]
+    return out
+
+
+def hover_coefficient(log: FlightLog, mass: float, gravity: float) -> float:
+    """Return the thrust per squared motor number that explains the log's vertical acceleration, N."""
+    if not log.has_position:  # near hover on average
+        return float(mass * gravity / (log.motors**2).sum(axis=1).mean())
+    lift = log.rotation.as_matrix()[:, 2, 2] * (log.motors**2).sum(axis=1)
+    rise = (log.velocity[-1, 2] - log.velocity[0, 2]) / (log.period * (len(log) - 1))
+    return float(mass * (gravity + rise) / lift.mean())
+
+
+def compare(
+    log: FlightLog, vehicles: dict[str, Vehicle], horizon: float = 0.5, delay: float = 0.0
+) -> dict[str, dict[str, Floats]]:
+    """Return the errors of vehicles, and of constant velocity with held attitude, over the horizon, see `rms`.
+
+    A vehicle without `rotors.thrust_coefficient`, or a log without speeds, takes the coefficient that explains the
+    log's vertical motion. ``"time"`` has the times in s.
+    """
+    windows, out = windows_of(log, horizon, 0.05), dict[str, dict[str, Floats]]()
+    for name, vehicle in vehicles.items():
+        known = rotors_of(vehicle).thrust_coefficient if log.has_speeds else None
+        coefficient = known or hover_coefficient(log, vehicle.mass, vehicle.gravity)
+        out[name] = rms(errors(fly(windows, without_pole(vehicle), coefficient, delay), windows))
+    out["held"] = rms(errors(held(windows), windows))
+    times = np.asarray(log.period * np.arange(windows.steps + 1), float)
+    return {name: {"time": times, **found} for name, found in out.items()}
+
+
+def table(found: dict[str, dict[str, Floats]]) -> str:
+    """Return the errors at five times of the horizon as lines of text; held: constant velocity and attitude."""
+    width = max(map(len, found))
+    time = found["held"]["time"]
+    rows = np.unique(np.linspace(0, len(time) - 1, 6).round().astype(int))[1:]
+    lines = [f"{'root mean square at':<{width + 20}}" + "".join(f"{time[row]:>9.2f} s" for row in rows)]
+    for channel, unit in CHANNELS.items():
+        for name, errors_of in found.items():
+            values = "".join(f"{SCALES[channel] * errors_of[channel][row]:>11.1f}" for row in rows)
+            lines.append(f"{f'{channel}, {unit}':<20}{name:<{width}}{values}")
+    return "\n".join(lines)
+
+
+def draw(found: dict[str, dict[str, Floats]], path: Path) -> None:
+    """Draw the errors over the horizon."""
+    figure = new_figure(8.0, 5.0)
+    axes = add_axes(figure, 2, 2)
+    for axis, (channel, unit) in zip(np.ravel(axes), CHANNELS.items(), strict=True):
+        for i, errors_of in enumerate(found.values()):
+            axis.plot(errors_of["time"], SCALES[channel] * errors_of[channel], line(i), color=colour(i))
+        axis.set_xlabel("s")
+        axis.set_ylabel(f"error of {channel}, {unit}")
+    add_legend(figure, tuple(found))
+    write_png(figure, path)
