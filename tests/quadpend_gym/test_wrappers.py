@@ -46,7 +46,7 @@ from tests.helpers.wrappers import (
 )
 
 ROWS, STEPS = 5, 50
-TRAJECTORY = Waypoints((0, 0.15, 0.4), ((0, 0, 2), (0.0002, 0, 2, 0.05), (0.001, 0.001, 2.01)))
+TRAJECTORY = Waypoints((0, 0.15, 0.4), ((0, 0, 2), (4e-6, 0, 2, 1e-3), (2e-5, 2e-5, 2.0002)))
 RIGID = [name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid"]
 RATES = {"vehicle": "x500", "interface": "body_rates", "latency": 0.035}
 REAL = [TURBULENCE, PARAMETERS, ("ActuatorWrapper", [PacketLoss(0.2), ActionDelay(), GyroBias(0.1)]), SENSORS]
