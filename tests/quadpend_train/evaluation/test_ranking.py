@@ -32,7 +32,7 @@ def test_a_start_without_deviations_is_on_the_reference(vehicle: str) -> None:
     env = scenario.make_vec(8)
     _, info = env.reset(seed=0)
     assert_allclose(info["tracking_error"], 0.0, atol=1e-12)
-    results = run_episodes([controller("flatness")], scenario, 8)
+    results = run_episodes([controller("lqr")], scenario, 8)
     assert results.error.max() < 0.002
 
 
