@@ -133,11 +133,15 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     if columns.quaternion:
         quaternions = table[list(columns.quaternion)].to_numpy(float) * np.append(1.0, flip)
         rotation = Slerp(time, Rotation.from_quat(quaternions, scalar_first=True))(grid)
-    rate = flip * resampled(columns.rate) * _RATES[columns.rate_unit] if columns.rate else body_rate(rotation, period)
+    rate = (
+        flip * resampled(columns.rate) * _RATES[columns.rate_unit]
+        if columns.rate
+        else rate_of_attitude(rotation, period)
+    )
     if not columns.quaternion:
         rotation = _integral(rate, period)
     position = flip * resampled(columns.position) if columns.position else np.zeros((len(grid), 3))
-    velocity = flip * resampled(columns.velocity) if columns.velocity else derivative(position, period)
+    velocity = flip * resampled(columns.velocity) if columns.velocity else smoothed_derivative(position, period)
     motors = resampled(columns.motors) * _SPEEDS[columns.motor_unit] / columns.poles
     after = np.searchsorted(time, grid).clip(1)
     return FlightLog(
@@ -154,16 +158,16 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     )
 
 
-def derivative(values: Floats, period: float) -> Floats:
+def smoothed_derivative(values: Floats, period: float) -> Floats:
     """Return the derivative by time of values of shape (n, …), from parabolas through ± 50 ms."""
     half = max(1, round(_SMOOTHING / period))
     return np.asarray(savgol_filter(values, 2 * half + 1, 2, deriv=1, delta=period, axis=0))
 
 
-def body_rate(rotation: Rotation, period: float) -> Floats:
+def rate_of_attitude(rotation: Rotation, period: float) -> Floats:
     """Return the body rate of an attitude over time, rad/s, shape (n, 3)."""
     matrix = rotation.as_matrix()
-    change = np.einsum("nji,njk->nik", matrix, derivative(matrix, period))  # RᵀṘ
+    change = np.einsum("nji,njk->nik", matrix, smoothed_derivative(matrix, period))  # RᵀṘ
     return np.asarray((change[:, [2, 0, 1], [1, 2, 0]] - change[:, [1, 2, 0], [2, 0, 1]]) / 2.0)
 
 

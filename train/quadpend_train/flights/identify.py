@@ -37,7 +37,7 @@ from scipy.stats import t as student
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.vehicles import Drag, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import FASTEST_LOOP
-from quadpend_train.flights.flight_log import FlightLog, body_rate, derivative
+from quadpend_train.flights.flight_log import FlightLog, rate_of_attitude, smoothed_derivative
 from quadpend_train.flights.replay import Windows, errors, fly, hover_coefficient, windows_of, without_pole
 
 TRAINING = 0.7  # share of each log for the fit; the rest is held out
@@ -308,7 +308,7 @@ class _Fit:
 def check_log(log: FlightLog, vehicle: Vehicle) -> None:
     """Refuse a log whose attitude and body rate contradict each other, or whose motors are in another order."""
     rate, half = log.rate, max(1, round(0.05 / log.period))
-    turned = body_rate(log.rotation, log.period)
+    turned = rate_of_attitude(log.rotation, log.period)
     axes = [axis for axis in range(3) if rate[:, axis].std() > 0.1]
     if any(np.corrcoef(rate[:, axis], turned[:, axis])[0, 1] < 0.5 for axis in axes):
         raise ValueError(
@@ -322,7 +322,7 @@ def check_log(log: FlightLog, vehicle: Vehicle) -> None:
     expected = np.array([y, -x])  # yaw is left out: in a controlled flight its regression is not reliable
     late = round((0.5 * sum(rotors.lags) + 0.01) / log.period)
     squares = savgol_filter(log.motors**2, 2 * half + 1, 2, axis=0)[: len(log) - late]
-    turning = derivative(rate, log.period)[late:]
+    turning = smoothed_derivative(rate, log.period)[late:]
     slopes = np.linalg.lstsq(squares - squares.mean(axis=0), turning - turning.mean(axis=0), rcond=None)[0].T
 
     def score(order: Sequence[int]) -> float:

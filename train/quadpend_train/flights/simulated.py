@@ -15,7 +15,7 @@ from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUS
 from quadpend_gym.physics.rigid_settings import pack_rigid
 from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_gym.vehicles import RateLoop, Simulation, Vehicle, hover_thrusts, mixing, rotors_of
-from quadpend_train.flights.flight_log import FlightLog, derivative
+from quadpend_train.flights.flight_log import FlightLog, smoothed_derivative
 from quadpend_train.flights.replay import without_pole
 
 DURATION, _CONTROL = 60.0, 0.005  # s
@@ -93,7 +93,7 @@ def simulated_log(vehicle: Vehicle, seed: int, noise: Noise | None = None, durat
         "simulated",
         period,
         position,
-        derivative(position, period),
+        smoothed_derivative(position, period),
         rotation.as_quat(scalar_first=True),
         motion[:, 10:] + noise.rate * random.standard_normal((count, 3)),
         motors * (1.0 + noise.motors * random.standard_normal((count, 4))),
