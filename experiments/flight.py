@@ -8,6 +8,7 @@ It needs the extras mpc and control. docs/flight/lqg_front.csv, a curve in a fig
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -68,10 +69,11 @@ def origins(found: Comparison) -> str:
     """Return in Markdown how each policy was made, and percentiles of the error over its training seeds."""
     rows, limits = [], list(found.references.values())
     for policy, seeds in found.learners.items():
-        card, search, spread = getattr(seeds[0], "card", None), HUMMINGBIRD_TUNED.get(policy), "–"
+        cards: list[Any] = [getattr(item, "card", None) for item in seeds]
+        card, search, spread = cards[0], HUMMINGBIRD_TUNED.get(policy), "–"
         texts = [", ".join(search.scenarios), f"`{search.command}`"] if search else ["–", "set by hand"]
         if card:
-            seconds = np.mean([item.card["seconds"] for item in seeds])  # type: ignore[attr-defined]
+            seconds = np.mean([item["seconds"] for item in cards])
             texts = [", ".join(card["settings"]["scenarios"]), f"{card['steps']:,} steps, {seconds:.0f} s"]
         if len(seeds) > 1:
             errors = errors_of(found, policy)

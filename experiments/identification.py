@@ -16,12 +16,12 @@ import numpy as np
 import pandas as pd
 
 from experiments.pages import DOCS
+from experiments.simulated_logs import simulated_log
 from quadpend_gym.vehicles import VEHICLES, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.flights.identify import QUANTITIES, identify
 from quadpend_train.flights.readers import read_log
 from quadpend_train.flights.replay import compare
-from quadpend_train.flights.simulated import simulated_log
 
 PATH = DOCS / "identification/simulated.csv"
 BASES = ("hummingbird", "crazyflie-brushless", "racer", "x500")

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from experiments.identification import LISTED, random_vehicle
+from experiments.simulated_logs import Noise, simulated_log
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.vehicles import Vehicle
 from quadpend_gym.vehicles.vehicle import as_vehicle
@@ -17,7 +18,6 @@ from quadpend_train.flights.flight_log import Columns, FlightLog, make_log
 from quadpend_train.flights.identify import Identification, check_log, identify
 from quadpend_train.flights.readers import PX4, read_log
 from quadpend_train.flights.replay import compare, errors, fly, windows_of, without_pole
-from quadpend_train.flights.simulated import Noise, simulated_log
 from quadpend_train.flights.vehicle_file import write_vehicle
 
 SEED = 1
