@@ -493,6 +493,15 @@ def begin(
 
 
 @inlined
+def _corrected(gain: Any, row: int, first: int, x: Any) -> float:
+    """Return the product of a row of a gain, which begins with column `first`, and an innovation."""
+    total = 0.0
+    for j in range(MODEL_STATE_SIZE):
+        total += gain[row, first + j] * x[j]
+    return total
+
+
+@inlined
 def correct(
     memory: Any,
     lane: int,
@@ -516,18 +525,12 @@ def correct(
     sine, cosine = sincos(predicted.euler.z)
     x, d = model_state(innovation, -sine, cosine), load_forces(memory, DISTURBANCE, lane)
     for i in range(gain.shape[0]):
-        total = 0.0
-        for j in range(MODEL_STATE_SIZE):
-            total += gain[i, j] * x[j]
-        buffer[i, 0] = total
+        buffer[i, 0] = _corrected(gain, i, 0, x)
     if gain.shape[1] > MODEL_STATE_SIZE:
         limit = _GUST * p.bob_mass * p.gravity
         share = min((d.bob_force.x * d.bob_force.x + d.bob_force.y * d.bob_force.y) / (limit * limit), 1.0)
         for i in range(gain.shape[0]):
-            total = 0.0
-            for j in range(MODEL_STATE_SIZE):
-                total += gain[i, MODEL_STATE_SIZE + j] * x[j]
-            buffer[i, 0] += share * total
+            buffer[i, 0] += share * _corrected(gain, i, MODEL_STATE_SIZE, x)
     state = project_direction(combine(1.0, state_of_model(buffer, sine, cosine), predicted))
     store_vectors(memory, STATE, lane, state)
     force, bob_force = turn3(load(buffer, _FORCE, 0), sine, cosine), turn3(load(buffer, _BOB_FORCE, 0), sine, cosine)
