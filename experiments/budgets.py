@@ -1,4 +1,4 @@
-"""docs/flight/learning.csv, and its table in docs/training.md: the score over steps and seconds of training.
+"""docs/flight/learning.csv, and its table in docs/flight-learning.md: the score over steps and seconds of training.
 
     python -m experiments.budgets                          # five training seeds in runs/budgets/; about six hours
     python -m experiments.budgets ppo-flight --minutes 1 --seeds 1      # a part; the other rows stay
@@ -93,7 +93,7 @@ def main() -> None:
                 table = table.drop_duplicates(["learner", "minutes", "seed"], keep="last")
                 table = table.sort_values(["learner", "minutes", "seed"])
                 write_text(path, table.to_csv(index=False, float_format="%.5g", lineterminator="\n"))
-                fill(DOCS / "training.md", {"budgets": page(table)})
+                fill(DOCS / "flight-learning.md", {"budgets": page(table)})
 
 
 if __name__ == "__main__":

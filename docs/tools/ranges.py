@@ -1,4 +1,4 @@
-"""Write the table of permitted ranges in `docs/ranges.md`: ``python -m docs.tools.ranges``."""
+"""Write the tables of permitted ranges: ``python -m docs.tools.ranges``."""
 
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
@@ -17,7 +17,7 @@ from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Simulation, Vehi
 from quadpend_gym.wind import KINDS as WINDS
 from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
 
-PAGE = Path(__file__).parents[1] / "ranges.md"
+PAGE = Path(__file__).parents[1] / "reference/ranges.md"
 GROUPS: dict[str, tuple[type[Any], ...]] = {
     "simulation": (Simulation, Around, LoopRanges),
     "task": (ReferenceSettings, StartSettings, Limits, RewardWeights, Reference, Waypoints, Sinusoids, SinusoidTerm),

@@ -1,4 +1,4 @@
-"""Write the tables of training settings and of presets in `docs/training.md`: ``python -m docs.tools.settings``."""
+"""Write the tables of training settings and of presets: ``python -m docs.tools.settings``."""
 
 import json
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import settings as module
 from quadpend_train.training.settings import PRESETS, ApgSettings, HybridSettings, TrainSettings
 
-PAGE = Path(__file__).parents[1] / "training.md"
+PAGE = Path(__file__).parents[1] / "reference/settings.md"
 GROUPS = {
     "settings": TrainSettings,
     "hybrid": HybridSettings,
