@@ -1,4 +1,4 @@
-"""Part of docs/results/tables.md on ablations: the same training with and without one part of a learner.
+"""Part of docs/results/tables.md: the same training with and without one part of a learner.
 
     python -m experiments.ablations --jobs 2      # three training seeds; about ten hours; runs/ablations/
 

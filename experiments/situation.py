@@ -1,4 +1,4 @@
-"""Part of docs/results/tables.md on the situation: what `apg` gains from observing its own situation instead of the mean one.
+"""Part of docs/results/tables.md: what `apg` gains from observing its own situation instead of the mean one.
 
     python -m experiments.situation --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 

@@ -1,4 +1,4 @@
-"""docs/vehicles-results.md: how well controllers fly real vehicles.
+"""docs/vehicles-results/tables.md: how well controllers fly real vehicles.
 
     python -m experiments.vehicles --jobs 2      # 100 episodes in each scenario, seeds from 1000000
 
@@ -131,7 +131,7 @@ def main() -> None:
         "as-flown": as_flown(FLYERS, 2 * given.episodes, given.seed, given.jobs),
         "leaderboard": f"{leaderboard_markdown(leaderboard(compared.table))}\n\n{matrix(compared)}",
     }
-    fill(DOCS / "vehicles-results.md", {f"vehicles-{name}": table for name, table in parts.items()})
+    fill(DOCS / "vehicles-results/tables.md", {f"vehicles-{name}": table for name, table in parts.items()})
 
 
 if __name__ == "__main__":
