@@ -152,7 +152,7 @@ def markdown(times: dict[str, list[GoalTime]], rate: float) -> str:
     return f"""# Time to beat
 
 {max(map(len, times.values()))} training seeds; each result is confirmed in a second block of {EPISODES} episodes.
-[`time_to_beat.py`](../../benchmarks/time_to_beat.py) defines the goals; `python -m benchmarks.time_to_beat` measures them.
+[`time_to_beat.py`](../../benchmarks/time_to_beat.py) defines the goals; `python -m benchmarks.time_to_beat` measures.
 {platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it with the settings `ppo`.
 
 {markdown_table(headings, rows)}

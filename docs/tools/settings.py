@@ -22,7 +22,7 @@ GROUPS = {
 
 
 def settings_table(kind: type) -> str:
-    """Return the table of a settings class: name, default value as JSON, range and meaning; nested tables have no value."""
+    """Return the table of a settings class: name, default value as JSON, range and meaning."""
     ranges = {name: limits(bounds) for name, _, bounds in declared(kind)}
     rows = []
     for name, value in vars(kind()).items():

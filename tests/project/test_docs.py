@@ -102,4 +102,6 @@ def test_the_pages_are_short_and_the_copies_of_their_tables_equal() -> None:
         re.search(r"<!-- begin flight-ranking -->.*?<!-- end", (DOCS / name).read_text(encoding="utf-8"), re.DOTALL)
         for name in ("flight.md", "flight/tables.md")
     ]
-    assert ranking[0] and ranking[1] and ranking[0][0] == ranking[1][0]
+    assert ranking[0]
+    assert ranking[1]
+    assert ranking[0][0] == ranking[1][0]
