@@ -87,7 +87,9 @@ def memory(found: Comparison) -> str:
         error = multiple([survivors(values[scenario, name])], [1e-3])
         winner = "–" if name == LEARNERS[0] else compare_pair(found.table, LEARNERS[0], name).winners[scenario]
         verdict = {1: "apg-flight wins", 0: "not distinguishable", -1: "apg-flight loses"}.get(winner, "–")
-        rows.append([name, format_interval(found.summaries[scenario, name]["survival"]), format_interval(error), verdict])
+        rows.append(
+            [name, format_interval(found.summaries[scenario, name]["survival"]), format_interval(error), verdict]
+        )
     return markdown_table(["policy", "survival (%)", "error (mm)", "Holm"], rows)
 
 

@@ -1,6 +1,6 @@
 """The deviation of an estimate from the trajectory that follows the reference, as inputs of a network.
 
-A network that observes deviations acts alike at every place, for every heading and, near the reference, in every motion.
+A network that observes deviations acts alike at every place, for every heading and, near the reference, in any motion.
 The trajectory and the linear state z are those of `controllers.lqg`; all vectors are in the axes of the heading.
 
 | part                                                     | size | scale                        |
