@@ -3,11 +3,11 @@
     python -m experiments.flight_learning --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 
 The shipped seeds of `apg-flight` are compared with the classical controllers. Variants of the preset are trained in
-runs/flight-learning/: without memory, and with less time. A training has as many timesteps as fit into its budget on an
+runs/flight-learning/, with less time and without memory. A training has as many timesteps as fit into its budget on an
 idle machine; the seconds are measured. A finished training is found in its folder, and an interrupted one goes on.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,30 +22,31 @@ from quadpend_train.evaluation.ranking import multiple, survivors
 from quadpend_train.evaluation.table import cells
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.settings import TrainSettings, read_settings, with_values
+from quadpend_train.training.settings import read_settings, with_values
 from quadpend_train.training.train import train_or_resume
 
 LEARNERS, OPPONENT = ("apg-flight", "ppo-flight"), "lqg"  # the classical controller that ranks first in training-flight
 CLASSICAL = "lqg", "dual-mode", "flatness", "adrc-matched", "lqi", "lqr"
+WITH_MEMORY = "apg-flight, 3 min"
 RUNS, SEEDS = Path("runs/flight-learning"), 3
-WITHOUT_MEMORY = {"hybrid.situation": False, "hybrid.innovations": False}
-SHARES = {"1 min": 0.06, "3 min": 0.3}  # of the timesteps and of the labels of the preset, at least 100,000 labels
+# Variants of the preset: other values, and the share of its timesteps and labels; at least 100,000 labels
+VARIANTS: dict[str, tuple[dict[str, Any], float]] = {
+    "1 min": ({}, 0.06),
+    "3 min": ({}, 0.3),
+    "3 min, without memory": ({"hybrid.situation": False, "hybrid.innovations": False}, 0.3),
+}
 
 
-def trained(name: str, values: Mapping[str, Any], seeds: int = SEEDS) -> list[MlpPolicy]:
-    """Return policies of the preset `apg-flight` with other values, which are trained once."""
-    settings = with_values(read_settings("apg-flight"), values)
-    folders = [RUNS / f"{name}-{seed}" for seed in range(seeds)]
+def trained(name: str) -> list[MlpPolicy]:
+    """Return the policies of a variant of the preset `apg-flight`, which are trained once."""
+    (values, share), settings = VARIANTS[name], read_settings("apg-flight")
+    labels = max(round(share * settings.hybrid.imitation_timesteps), 100_000)
+    shorter = {"total_timesteps": round(share * settings.total_timesteps), "hybrid.imitation_timesteps": labels}
+    settings, folders = with_values(settings, shorter | values), [RUNS / f"{name}-{seed}" for seed in range(SEEDS)]
     for seed, folder in enumerate(folders):
         if not (folder / "policy.npz").is_file():
             train_or_resume(replace(settings, seed=seed), folder)
     return [MlpPolicy.load(folder / "policy.npz") for folder in folders]
-
-
-def shortened(settings: TrainSettings, share: float) -> dict[str, Any]:
-    """Return the values of a preset with a share of its timesteps."""
-    labels = max(round(share * settings.hybrid.imitation_timesteps), 100_000)
-    return {"total_timesteps": round(share * settings.total_timesteps), "hybrid.imitation_timesteps": labels}
 
 
 def duel(found: Comparison) -> str:
@@ -81,29 +82,29 @@ def budgets(found: Comparison) -> str:
 
 
 def memory(found: Comparison) -> str:
-    """Return survival and error under an unknown loop, and the difference from `apg-flight`, in Markdown."""
+    """Return survival and error under an unknown loop, and whether `WITH_MEMORY` is better, in Markdown."""
     scenario, rows, values = next(iter(found.scenarios)), [], cells(found.table)
     for name in found.policies:
         error = multiple([survivors(values[scenario, name])], [1e-3])
-        winner = "–" if name == LEARNERS[0] else compare_pair(found.table, LEARNERS[0], name).winners[scenario]
-        verdict = {1: "apg-flight wins", 0: "not distinguishable", -1: "apg-flight loses"}.get(winner, "–")
+        verdict = "–"
+        if name != WITH_MEMORY:
+            winner = compare_pair(found.table, WITH_MEMORY, name).winners[scenario]
+            verdict = ("not distinguishable", "better", "worse")[winner]
         rows.append(
             [name, format_interval(found.summaries[scenario, name]["survival"]), format_interval(error), verdict]
         )
-    return markdown_table(["policy", "survival (%)", "error (mm)", "Holm"], rows)
+    return markdown_table(["policy", "survival (%)", "error (mm)", f"{WITH_MEMORY} is"], rows)
 
 
 def main() -> None:
     """Train, fly, and write the tables of the page."""
-    given, preset = options(__doc__, 200), read_settings("apg-flight")
-    short = {f"apg-flight, {name}": trained(name.replace(" ", "-"), shortened(preset, x)) for name, x in SHARES.items()}
-    without = {"apg-flight without memory": trained("without-memory", WITHOUT_MEMORY)}
-    few = {name: load_policies(name)[:SEEDS] for name in LEARNERS}
+    given = options(__doc__, 200)
+    found: dict[str, Any] = {name: load_policies(name)[:SEEDS] for name in LEARNERS}
+    found |= {f"apg-flight, {name}": trained(name) for name in VARIANTS}
     common = given.episodes, given.seed, CACHE
     every = compare([OPPONENT, *LEARNERS], ["flight"], *common, jobs=given.jobs)
-    shorter = compare({**few, **short, **without}, ["flight"], *common, jobs=given.jobs)
-    unknown = {**few, **without, **{name: name for name in CLASSICAL}}
-    late = compare(unknown, ["flight_unknown"], *common, jobs=given.jobs)
+    shorter = compare(found, ["flight"], *common, jobs=given.jobs)
+    late = compare(found | {name: name for name in CLASSICAL}, ["flight_unknown"], *common, jobs=given.jobs)
     head = made_by("flight_learning", given.episodes, given.seed)
     parts = {"duel": duel(every), "budgets": budgets(shorter), "memory": memory(late)}
     fill(DOCS / "learning.md", {name: f"{head}\n\n{table}" for name, table in parts.items()})

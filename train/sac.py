@@ -9,6 +9,7 @@ Writes `sac.zip`. `quadpend evaluate sac.zip flatness --scenarios calm` compares
 """
 
 import argparse
+from typing import Any
 
 import gymnasium as gym
 import torch
@@ -25,7 +26,7 @@ parser.add_argument("--out", default="sac.zip", help="file of the trained model"
 args = parser.parse_args()
 
 torch.set_num_threads(1)  # more threads slow down networks as small as this one
-interface = "wrench" if args.vehicle == "paper" else "body_rates"
+interface: Any = "wrench" if args.vehicle == "paper" else "body_rates"
 scenario = Scenario(wind=args.wind, vehicle=args.vehicle, interface=interface, period=0.04, substeps=8)
 envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=32, scenario=scenario, autoreset_mode="SameStep")
 model = SAC(

@@ -77,7 +77,7 @@ class Observer(NamedTuple):
         estimator = base.estimator if isinstance(base, OutputFeedback) else None
         if estimator is None:
             return cls(None, has_rates, False, False, None, size)
-        law = base._law if hybrid.deviations else None
+        law = hybrid.controller._law if hybrid.deviations else None
         return cls(estimator, has_rates, hybrid.situation, hybrid.innovations, law, size)
 
     def values(self, memory: Any) -> tuple[Floats, Floats]:
@@ -189,7 +189,7 @@ def innovations_of(memory: Any, filtered: Any, period: float) -> Any:
     return vector(lift(innovation_inputs)(Estimate(memory.T), columns(filtered).T, shares))
 
 
-def deviations_of(law: Lqg, later: Any, has_mass: bool) -> Any:
+def deviations_of(law: Any, later: Any, has_mass: bool) -> Any:
     """Return `deviation_inputs` of a predicted estimate, a (field, lane) buffer, as a vector."""
     nominal = Estimate(later.T.copy())
     if has_mass:
