@@ -43,8 +43,8 @@ def test_a_wheel_has_the_files_of_the_three_packages_and_no_others(wheel: Path) 
 def test_the_same_version_stands_in_every_file() -> None:
     assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)[0] == __version__
-    wheels = [re.findall(r"quadpend_gym-([\d.]+)-py3", page.read_text(encoding="utf-8")) for page in PAGES]
-    assert set(sum(wheels, [])) <= {__version__}
+    pages = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert set(re.findall(r"quadpend_gym-([\d.]+)-py3", pages)) <= {__version__}
 
 
 @pytest.mark.extras
@@ -55,6 +55,8 @@ def test_the_first_example_of_the_readme_runs_where_only_the_wheel_is_installed(
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
     subprocess.run([python, "-I", "-m", "pip", "install", "--quiet", wheel], check=True)
     code = f"{example}\nprint(quadpend_gym.__file__)"
-    ran = subprocess.run([python, "-I", "-c", code], cwd=tmp_path / "empty", capture_output=True, text=True, check=False)
+    ran = subprocess.run(
+        [python, "-I", "-c", code], cwd=tmp_path / "empty", capture_output=True, text=True, check=False
+    )
     assert ran.returncode == 0, ran.stderr
     assert re.search(r"error after 10 s: \[.*\] mm\n" + re.escape(str(tmp_path / "venv")), ran.stdout)
