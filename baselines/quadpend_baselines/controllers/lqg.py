@@ -44,7 +44,7 @@ from quadpend_baselines.modelling.linear_model import (
 )
 from quadpend_baselines.modelling.quantities import calm, turn3
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.core.packing import pack, unpacker
@@ -138,7 +138,7 @@ class Lqg:
         return by_flatness + share * (following - x @ self._numbers[2].T - by_flatness), memory
 
 
-def evaluate(law: Lqg, estimate: Estimate) -> tuple[Floats, Floats, Floats, Floats]:
+def evaluate(law: Lqg, estimate: Estimate) -> tuple[Floats32, Floats32, Floats, Floats]:
     """Return a_far, a_d, z and s of n rows, shapes (n, 4), (n, 4), (n, 28) and (n, 1)."""
     packed, packed_rigid, feedback = law._numbers
     rows, plant = len(estimate.array), plant_of(law.simulation)

@@ -1,6 +1,6 @@
 """The deviation of an estimate from the trajectory that follows the reference, as inputs of a network.
 
-A network that observes deviations acts alike at every place, for every heading and, near the reference, in every motion.
+A network that observes deviations acts alike at every place, for every heading and, near the reference, in any motion.
 The trajectory and the linear state z are those of `controllers.lqg`; all vectors are in the axes of the heading.
 
 | part                                                     | size | scale                        |
@@ -32,7 +32,7 @@ from quadpend_baselines.modelling.linear_model import (
     VELOCITY,
 )
 from quadpend_baselines.modelling.quantities import turn3
-from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.state import ACTION_SIZE, THRUST
@@ -45,7 +45,7 @@ _STATE_SCALE = np.repeat([0.05, 0.2, 0.05, 0.4, 0.05, 0.2], [3, 3, 3, 3, 2, 2])
 
 
 @compiled
-def _inputs(estimate: Floats, action: Floats, z: Floats, scales: Floats, length: float, out: Floats) -> None:
+def _inputs(estimate: Floats, action: Floats32, z: Floats, scales: Floats, length: float, out: Floats) -> None:
     thrusts = z.shape[1] - MODEL_STATE_SIZE - MODEL_DISTURBANCE_SIZE
     for row in range(out.shape[0]):
         state, _, reference = law_inputs(estimate, row)

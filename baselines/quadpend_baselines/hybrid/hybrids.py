@@ -170,8 +170,7 @@ class EstimateOnly(Hybrid):
             raise ValueError(f"deviations needs the base_controller lqg, not {self.base_controller!r}")
         if (self.situation or self.innovations) and not isinstance(self.controller, OutputFeedback):
             raise ValueError(
-                "situation and innovations need a base_controller with a Kalman observer, not"
-                f" {self.base_controller!r}"
+                f"situation and innovations need a base_controller with a Kalman observer, not {self.base_controller!r}"
             )
 
     def observation_size(self, size: int) -> int:

@@ -108,7 +108,6 @@ WINDOWS: dict[str, dict[str, Any]] = {
     "paper": {"wind": "windy"},
     "paper, wrong and late": wrong_and_late(),
     "hummingbird, wrong and late": wrong_and_late(**HUMMINGBIRD),
-    "hummingbird, drawn loop": {**HUMMINGBIRD, **DRAWN, "wind": "windy"},
     "unknown delay": {"actuators": [{"kind": "action_delay", "steps": 2}], "loop_known": False},
     "noise, no velocities": {
         "task": {"trajectory": CURVE},
@@ -117,7 +116,7 @@ WINDOWS: dict[str, dict[str, Any]] = {
     },
 }
 STARTS = "position", "velocity", "angle", "angle_rate", "direction", "direction_rate"
-# Along a curve, from its beginning, without velocities
+# A drawn loop, along a curve, from its beginning, without velocities
 ON_CURVE = {"trajectory": CURVE, "start": dict.fromkeys(STARTS, 0.0)}
 DEVIATIONS = {**HUMMINGBIRD, **DRAWN, "task": ON_CURVE, "output_feedback": True, "wind": "breeze"}
 

@@ -6,8 +6,8 @@ the observer (`quadpend_baselines.estimation`), so that generated C has their sl
     (1)  y = x + n,   b ← g(b, a, y),   o = h(b, y)         n: error of the sensors, independent of the policy
 
 with the belief b: the estimate, which the prediction through known delays and lags belongs to, the running mean squares
-of the situation, and the filtered innovations. A delay of the sensors is known: the flight ends with the last states, the oldest first. What
-other base controllers than those with a Kalman observer estimate has no slope.
+of the situation, and the filtered innovations. A delay of the sensors is known: the flight ends with the last states,
+the oldest first. What other base controllers than those with a Kalman observer estimate has no slope.
 """
 
 from functools import lru_cache, partial
@@ -77,7 +77,7 @@ class Observer(NamedTuple):
         estimator = base.estimator if isinstance(base, OutputFeedback) else None
         if estimator is None:
             return cls(None, has_rates, False, False, None, size)
-        law = base._law if hybrid.deviations else None
+        law = hybrid.controller._law if hybrid.deviations else None
         return cls(estimator, has_rates, hybrid.situation, hybrid.innovations, law, size)
 
     def values(self, memory: Any) -> tuple[Floats, Floats]:
@@ -189,7 +189,7 @@ def innovations_of(memory: Any, filtered: Any, period: float) -> Any:
     return vector(lift(innovation_inputs)(Estimate(memory.T), columns(filtered).T, shares))
 
 
-def deviations_of(law: Lqg, later: Any, has_mass: bool) -> Any:
+def deviations_of(law: Any, later: Any, has_mass: bool) -> Any:
     """Return `deviation_inputs` of a predicted estimate, a (field, lane) buffer, as a vector."""
     nominal = Estimate(later.T.copy())
     if has_mass:
