@@ -3,10 +3,8 @@
 import ast
 import inspect
 import textwrap
-from functools import cache
 
 
-@cache
 def meanings(kind: type) -> dict[str, str]:
     """Return the sentences or comments about the fields of a class and of its bases, by the names of the fields."""
     found: dict[str, str] = {}

@@ -49,9 +49,9 @@ def limits(bounds: Range) -> str:
 
 
 def _rows(kind: type[Any]) -> Iterator[str]:
-    items = {item.name: item for item in fields(kind)}
+    items, texts = {item.name: item for item in fields(kind)}, meanings(kind)
     for name, _, bounds in declared(kind):
-        cells = [bounds.unit or "1", limits(bounds), _default(items[name]), meanings(kind)[name]]
+        cells = [bounds.unit or "1", limits(bounds), _default(items[name]), texts[name]]
         yield f"| `{kind.__name__}.{name}` | {' | '.join(cells)} |"
 
 

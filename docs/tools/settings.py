@@ -23,12 +23,12 @@ GROUPS = {
 
 def settings_table(kind: type) -> str:
     """Return the table of a settings class: name, default value as JSON, range and meaning."""
-    ranges = {name: limits(bounds) for name, _, bounds in declared(kind)}
+    ranges, texts = {name: limits(bounds) for name, _, bounds in declared(kind)}, meanings(kind)
     rows = []
     for name, value in vars(kind()).items():
         if name != "arguments":  # in files the table of the algorithm
             default = "" if hasattr(value, "__dataclass_fields__") else f"`{json.dumps(value)}`"
-            rows.append(f"| `{name}` | {default} | {ranges.get(name, '')} | {meanings(kind)[name]} |")
+            rows.append(f"| `{name}` | {default} | {ranges.get(name, '')} | {texts[name]} |")
     return "\n".join(["| setting | default | range | meaning |", "|---|---|---|---|", *rows])
 
 
