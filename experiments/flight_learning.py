@@ -27,13 +27,12 @@ from quadpend_train.training.train import train_or_resume
 
 LEARNERS, OPPONENT = ("apg-flight", "ppo-flight"), "lqg"  # the classical controller that ranks first in training-flight
 CLASSICAL = "lqg", "dual-mode", "flatness", "adrc-matched", "lqi", "lqr"
-WITH_MEMORY = "apg-flight, 3 min"
+WITH_MEMORY = "apg-flight, 2 min"
 RUNS, SEEDS = Path("runs/flight-learning"), 3
 # Variants of the preset: other values, and the share of its timesteps and labels; at least 100,000 labels
 VARIANTS: dict[str, tuple[dict[str, Any], float]] = {
-    "1 min": ({}, 0.06),
-    "3 min": ({}, 0.3),
-    "3 min, without memory": ({"hybrid.situation": False, "hybrid.innovations": False}, 0.3),
+    "2 min": ({}, 0.15),
+    "2 min, without memory": ({"hybrid.situation": False, "hybrid.innovations": False}, 0.15),
 }
 
 
