@@ -106,7 +106,7 @@ class OutputFeedback(Controller):
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
 
     def _nominal(self, estimate: Estimate) -> Estimate:
-        """Return the estimate of the nominal vehicle that moves alike.
+        """Return the estimate with the forces under which the nominal vehicle moves alike.
 
         A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
         """
@@ -135,7 +135,7 @@ class OutputFeedback(Controller):
         return observation_of(later, self.simulation.parameters.rod_length)
 
     def predicted_estimate(self, memory: OutputFeedbackMemory) -> Estimate:
-        """Return the estimate of the nominal vehicle at the time when the next action acts."""
+        """Return the estimate at the time when the next action acts, with the forces on the nominal vehicle."""
         return self._nominal(self.estimator.prediction.carry_forward(memory.estimate, memory.action))
 
     def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:

@@ -6,14 +6,15 @@ The trajectory and the linear state z are those of `controllers.lqg`; all vector
 | part                                                     | size | scale                        |
 |----------------------------------------------------------|------|------------------------------|
 | a_d, the action that follows the reference in still air  | 4    | 1                            |
-| tracking error of the flat outputs, and its rate         | 6    | 0.05 m, 0.2 m/s              |
+| tracking error ζ + l r_xy, and its rate                  | 6    | 0.05 m, 0.2 m/s              |
 | attitude, and its rate, less those of the trajectory     | 6    | 0.05 rad, 0.4 rad/s          |
 | r_x r_y, and their rates, less those of the trajectory   | 4    | 0.05, 0.2 1/s                |
 | thrusts of the rotors, less those of the trajectory      | 4    | 0.02 W                       |
 | estimated force, force on the bob (x, y), torque         | 8    | 0.05 W, 0.01 W, 0.001 W · 1 m |
 | acceleration of the reference, and the rate of its yaw   | 4    | 2 m/s², 1 rad/s              |
 
-W is the weight at hover (N). A vehicle without rotors has zeros for their thrusts.
+W is the weight at hover (N). Forces and thrusts are divided by μ, the estimated ratio of the mass to the nominal one,
+and the thrust in a_d is μ (1 + a_d) − 1. A vehicle without rotors has zeros for their thrusts.
 """
 
 from functools import lru_cache
@@ -29,6 +30,7 @@ from quadpend_baselines.modelling.linear_model import (
     MODEL_STATE_SIZE,
     MODEL_TORQUE,
     PENDULUM,
+    PENDULUM_RATE,
     VELOCITY,
 )
 from quadpend_baselines.modelling.quantities import turn3
@@ -38,8 +40,8 @@ from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 
 _FIRST_THRUST = ACTION_SIZE + MODEL_STATE_SIZE
-_FIRST_WIND = _FIRST_THRUST + ACTION_SIZE
-_FIRST_REFERENCE = _FIRST_WIND + MODEL_DISTURBANCE_SIZE
+_FIRST_DISTURBANCE = _FIRST_THRUST + ACTION_SIZE
+_FIRST_REFERENCE = _FIRST_DISTURBANCE + MODEL_DISTURBANCE_SIZE
 DEVIATION_SIZE = _FIRST_REFERENCE + 4
 _STATE_SCALE = np.repeat([0.05, 0.2, 0.05, 0.4, 0.05, 0.2], [3, 3, 3, 3, 2, 2])
 
@@ -58,11 +60,11 @@ def _inputs(estimate: Floats, action: Floats32, z: Floats, scales: Floats, lengt
             out[row, ACTION_SIZE + i] = z[row, i]
         for i in range(2):
             out[row, ACTION_SIZE + i] += length * z[row, PENDULUM.start + i]
-            out[row, ACTION_SIZE + VELOCITY.start + i] += length * z[row, PENDULUM.stop + i]
+            out[row, ACTION_SIZE + VELOCITY.start + i] += length * z[row, PENDULUM_RATE.start + i]
         for i in range(thrusts):
             out[row, _FIRST_THRUST + i] = z[row, MODEL_STATE_SIZE + i]
         for i in range(MODEL_DISTURBANCE_SIZE):
-            out[row, _FIRST_WIND + i] = z[row, MODEL_STATE_SIZE + thrusts + i]
+            out[row, _FIRST_DISTURBANCE + i] = z[row, MODEL_STATE_SIZE + thrusts + i]
         acceleration = turn3(reference.d2, -sine, cosine)
         for i in range(3):
             out[row, _FIRST_REFERENCE + i] = acceleration[i]

@@ -1,8 +1,8 @@
 """The innovations of the observer, filtered: the memory of a network.
 
 Every controller that stabilises a linear model is the feedback of an observer plus a stable filter of its innovations ν
-(Youla's parametrisation), so a network that also observes filtered innovations can act as with other observers: one
-with more trust in the sensors, or one that knows how a disturbance goes on. In control step k
+(Youla's parametrisation). With three such filters a network comes close to other observers: one with more trust in the
+sensors, or one that knows how a disturbance goes on. In control step k, with ν in the axes of the heading at that time,
 
     (1)  f_k = f_{k−1} + (1 − e^{−T/τ}) (ν_k − f_{k−1}),     τ = 0.02, 0.06 and 0.2 s
 

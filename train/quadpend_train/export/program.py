@@ -53,8 +53,8 @@ from quadpend_gym.tasks.observation import (
     REFERENCE_START,
 )
 from quadpend_gym.vehicles import CONTROL_PERIOD
+from quadpend_train.common.lifted_inputs import deviations_of, innovations_of, lifted_plant
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.observed import deviations_of, innovations_of, lifted_plant
 
 _HIGHEST = 1e30  # in place of infinity in the limits of observers
 
@@ -174,6 +174,7 @@ def _observer(base: OutputFeedback) -> Program:
     def miss(memory: Any, observed: Any) -> dict[str, Any]:
         after = columns(memory)
         lift(store_vectors)(after, estimator.REFERENCE, 0, measured(observed)[2])
+        after[INNOVATION:RIGID_PART] = 0.0  # nothing was measured
         return {"next": vector(after)}
 
     functions["begin"] = _function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)

@@ -10,8 +10,7 @@ of the situation, and the filtered innovations. A delay of the sensors is known:
 the oldest first. What other base controllers than those with a Kalman observer estimate has no slope.
 """
 
-from functools import lru_cache, partial
-from types import SimpleNamespace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -29,7 +28,6 @@ from quadpend_baselines.estimation.estimator import (
     RIGID_PART,
     STATE,
     YAW,
-    Estimate,
     Estimator,
     advance,
     carry_forward,
@@ -37,17 +35,15 @@ from quadpend_baselines.estimation.estimator import (
     measure,
     unpack_loop,
 )
-from quadpend_baselines.hybrid.deviations import deviation_inputs
-from quadpend_baselines.hybrid.innovations import FILTERED_SIZE, filter_shares, innovation_inputs
+from quadpend_baselines.hybrid.innovations import FILTERED_SIZE
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares, new_share
 from quadpend_baselines.modelling.quantities import bob_offset, load_state
-from quadpend_gym import Simulation, engines
+from quadpend_gym import engines
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import columns, lift, vector
 from quadpend_gym.engines.functions import POINT_SIZE
-from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_settings import unpack_rigid
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE, TORQUE
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SCALE,
@@ -56,6 +52,7 @@ from quadpend_gym.tasks.observation import (
     REFERENCE_START,
 )
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
+from quadpend_train.common.lifted_inputs import deviations_of, innovations_of
 
 _LEAST_SQUARE = 1e-8  # bounds the slope of a root mean square of the situation
 
@@ -66,8 +63,8 @@ class Observer(NamedTuple):
     estimator: Estimator | None  # None: the policy observes the measured state
     has_rates: bool  # whether the environment's observation has velocities
     situation: bool  # whether the policy observes it
-    innovations: bool  # whether it observes them, filtered
-    law: Lqg | None  # whose deviations it observes
+    innovations: bool  # whether it observes filtered innovations
+    law: Lqg | None  # the law of the deviations; None: it observes estimates
     size: int
 
     @classmethod
@@ -181,24 +178,3 @@ def _estimated(observer: Observer, observed: Any, point: Any, action: Any) -> tu
         seen.append(innovations_of(memory, filtered, estimator.simulation.period))
         filtered = seen[-1][-FILTERED_SIZE:]
     return belief, sensing, ca.vertcat(squares, last, filtered, vector(memory)), seen
-
-
-def innovations_of(memory: Any, filtered: Any, period: float) -> Any:
-    """Return `innovation_inputs` of an estimate, a (field, lane) buffer, as a vector."""
-    shares = filter_shares(period)
-    return vector(lift(innovation_inputs)(Estimate(memory.T), columns(filtered).T, shares))
-
-
-def deviations_of(law: Any, later: Any, has_mass: bool) -> Any:
-    """Return `deviation_inputs` of a predicted estimate, a (field, lane) buffer, as a vector."""
-    nominal = Estimate(later.T.copy())
-    if has_mass:
-        forces = nominal.disturbance[0, :TORQUE]
-        forces[:] = [force / later[MASS_RATIO, 0] for force in forces]
-    return vector(lift(deviation_inputs, {plant_of: lifted_plant})(law, nominal))
-
-
-def lifted_plant(simulation: Simulation) -> Any:
-    """Return the plant of a simulation for functions that CasADi reads."""
-    plant: Any = plant_of(simulation)
-    return SimpleNamespace(actions_for=partial(lift(type(plant).actions_for), plant))

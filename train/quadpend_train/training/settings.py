@@ -44,8 +44,8 @@ class HybridSettings:
     """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
     estimate_only."""
     deviations: bool = False
-    """Whether the policy observes the deviations of the estimates from the trajectory that follows the reference, in
-    their place, with estimate_only and the base controller lqg."""
+    """Whether the policy observes, instead of the estimates, their deviations from the trajectory that follows the
+    reference, with estimate_only and the base controller lqg."""
     innovations: bool = False
     """Whether the policy also observes the innovations of the base controller's observer, filtered: a memory; with
     estimate_only."""
