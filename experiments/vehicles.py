@@ -9,7 +9,6 @@ The page has four parts:
 - recovery: the largest tilt, and the largest tilt rate of an upright pole, from which a controller returns to hover in
   calm air, as it does from all smaller ones;
 - as-flown: the scenarios of the set `as-flown`, with controllers that predict over the latency, and without;
-- leaderboard: the set `test-hummingbird`, with learned policies.
 """
 
 from collections.abc import Sequence
@@ -19,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from experiments.pages import CACHE, DOCS, fill, options, with_survival
-from experiments.results import matrix
 from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import UNPREDICTED
 from quadpend_gym.core.arrays import Floats
@@ -30,14 +28,11 @@ from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_number, markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
-from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.recovery import settling_times
 from quadpend_train.policies.loading import load_policies
-from quadpend_train.reports.tables import leaderboard_markdown
 
 WIND_SHARE = 0.1  # root mean square of the force of the wind, as a share of the weight
 FLYERS = ("flatness", "lqi", "lqr", "adrc-matched")
-LEARNED = ("apg-flight", "ppo-flight")
 TILTS, RATES = np.arange(60.0), np.arange(0.0, 300.0, 5.0)  # °, °/s
 # Starts at hover with growing tilts and growing tilt rates, rad and rad/s
 START_LINES = {
@@ -124,12 +119,10 @@ def main() -> None:
     """Measure all parts and fill the page."""
     given = options(__doc__, 100)
     run = given.episodes, given.seed
-    compared = compare((*FLYERS, *LEARNED), ["test-hummingbird"], *run, CACHE, jobs=given.jobs)
     parts = {
         "presets": presets(FLYERS, tuple(VEHICLES), *run, given.jobs),
         "recovery": recovery(FLYERS, tuple(VEHICLES), given.seed, given.jobs),
         "as-flown": as_flown(FLYERS, 2 * given.episodes, given.seed, given.jobs),
-        "leaderboard": f"{leaderboard_markdown(leaderboard(compared.table))}\n\n{matrix(compared)}",
     }
     fill(DOCS / "vehicles-results/tables.md", {f"vehicles-{name}": table for name, table in parts.items()})
 
