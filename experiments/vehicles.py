@@ -2,13 +2,13 @@
 
     python -m experiments.vehicles --jobs 2      # 100 episodes in each scenario, seeds from 1000000
 
-The page has four parts:
+The page has three parts:
 
 - presets: every vehicle on random references, in calm air and in a fluctuating force whose root mean square is a tenth
   of the weight; a rigid vehicle is commanded by body rates;
 - recovery: the largest tilt, and the largest tilt rate of an upright pole, from which a controller returns to hover in
   calm air, as it does from all smaller ones;
-- as-flown: the scenarios of the set `as-flown`, with controllers that predict over the latency, and without;
+- as-flown: the scenarios of the set `as-flown`, with controllers that predict over the latency, and without.
 """
 
 from collections.abc import Sequence
