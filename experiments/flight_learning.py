@@ -23,7 +23,7 @@ from quadpend_train.evaluation.statistics import mean
 from quadpend_train.evaluation.table import cells
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.settings import read_settings, to_mapping, with_values
+from quadpend_train.training.settings import read_settings, settings_of_card, with_values
 from quadpend_train.training.train import train_or_resume
 
 LEARNERS, OPPONENT = ("apg-flight", "ppo-flight"), "lqg"  # the classical controller that ranks first in training-flight
@@ -48,7 +48,7 @@ def trained(name: str) -> list[MlpPolicy]:
         if not (folder / "policy.npz").is_file():
             train_or_resume(own, folder)
         policies.append(MlpPolicy.load(folder / "policy.npz"))
-        if policies[-1].card["settings"] != to_mapping(own):
+        if settings_of_card(policies[-1].card, str(folder)) != own:
             raise ValueError(f"{folder} has other settings than {name}: delete it")
     return policies
 
