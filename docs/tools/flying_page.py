@@ -2,8 +2,8 @@
 
     python -m docs.tools.flying_page  # compile the C to docs/tools/flying/*.wasm; needs clang and wasm-ld
 
-`make docs` makes the page of the compiled files. Each of them ends with a hash of its C without the functions read from
-the equations, whose form and last digits depend on the computer. Tests compare the hash, and flights with those of Python.
+`make docs` makes the page of the compiled files. Each of them ends with a hash of its C without the functions read
+from the equations, whose form and last digits depend on the computer. Tests compare it, and flights with Python's.
 """
 
 import base64
@@ -35,8 +35,8 @@ from quadpend_train.policies.loading import load_policy
 from quadpend_train.reports import html_page
 
 FOLDER = Path(__file__).with_name("flying")
-# Each vehicle's scenario, for which its policies are designed, and the policies; the last one is the best network. The page
-# begins with the first vehicle, its first policy and its last one.
+# Each vehicle's scenario, for which its policies are designed, and the policies; the last one is the best network. The
+# page begins with the first vehicle, its first policy and its last one.
 VEHICLES = {
     "hummingbird": ("flight_breeze", ("adrc-paper", "flatness", "lqg", "ppo-flight-0")),
     "paper": ("windy", ("adrc-paper", "flatness", "lqg", "apg-0")),
@@ -56,7 +56,7 @@ def design(vehicle: str) -> Scenario:
 
 
 def flown(vehicle: str, **wind: Any) -> Scenario:
-    """Return the scenario that is flown on the page, in a constant wind: hover, with perfect sensors of no velocities."""
+    """Return the scenario that is flown on the page, in a constant wind: hover, no velocities, no noise."""
     hover = find_scenarios(["flight_breeze"])["flight_breeze"].task
     plain: dict[str, Any] = {"sensors": (), "actuators": (), "wind_rise": 0.0, "unscored": 0.0, "output_feedback": True}
     return replace(design(vehicle), task=hover, wind={"kind": "constant", **wind}, **plain)
@@ -165,13 +165,15 @@ def _page_data(vehicle: str) -> dict[str, Any]:
     (wind,), limits = wind_models(scenario.wind, scenario.simulation), flown(vehicle).task.limits
     shape = shape_of(scenario.vehicle)
     sizes = {name: np.asarray(size).tolist() for name, size in shape._asdict().items()}
-    length = scenario.simulation.parameters.rod_length
+    parameters = scenario.simulation.parameters
     return {
         "policies": [{"name": name, **html_page.style(k)} for k, name in enumerate(policies)],
         "period": scenario.simulation.period,
+        "height": HEIGHT,
+        "push": [0.2 * parameters.hover_thrust, 0.4 * parameters.gravity * parameters.bob_mass],  # N, the largest ones
         "wind": {"force": wind.force, "decay": float(np.exp(-scenario.simulation.period / wind.time_constant))},
         "limits": [np.cos(limits.pendulum_angle), np.cos(limits.body_angle), limits.tracking_error],
-        "shape": {**sizes, "paper": shape is PAPER_SHAPE, "rod_length": length},
+        "shape": {**sizes, "paper": shape is PAPER_SHAPE, "rod_length": parameters.rod_length},
         "wasm": base64.b64encode(gzip.compress((FOLDER / f"{vehicle}.wasm").read_bytes(), 9, mtime=0)).decode(),
     }
 

@@ -45,7 +45,8 @@ function project(at, width, height) {  // perspective projection as in quadpend_
   const toCamera = point => { const off = plus(point, eye, -1); return [dot(off, right), dot(off, up), -dot(off, back)]; };
   const pixel = ([x, y, depth]) => [width / 2 + focal * x / depth, height / 2 - focal * y / depth];
   const depth = point => toCamera(point)[2], size = (metres, point) => metres * focal / Math.max(depth(point), NEAR);
-  return {toCamera, pixel, depth, size, horizon: ce > 1e-6 ? height / 2 - focal * se / ce : -Infinity};
+  const inPlane = ([across, down], point) => right.map((r, i) => (across * r - down * up[i]) * depth(point) / focal);  // m, of pixels at a point's depth
+  return {toCamera, pixel, depth, size, inPlane, right, horizon: ce > 1e-6 ? height / 2 - focal * se / ce : -Infinity};
 }
 function stroke(pen, points, colour, width, dashes = []) {
   Object.assign(pen, {strokeStyle: colour, lineWidth: width, lineJoin: "round", lineCap: width > 3 ? "round" : "butt"}).setLineDash(dashes);
