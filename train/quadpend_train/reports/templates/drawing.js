@@ -33,24 +33,29 @@ function placed(state) {  // complete a state by the places of its parts
   return {...state, rotate, pivot, bob, tip, hubs: shape.hubs.map(hub => plus(position, rotate(hub)))};
 }
 function prepare(canvas) {  // clear the canvas at the screen's resolution; return a context in units of CSS pixels
-  const sharp = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
-  const pen = Object.assign(canvas, {width: Math.round(width * sharp), height: Math.round(height * sharp)}).getContext("2d");
-  pen.setTransform(canvas.width / width, 0, 0, canvas.height / height, 0, 0);
+  const sharp = window.devicePixelRatio || 1, {clientWidth: width, clientHeight: height} = canvas, pen = canvas.getContext("2d");
+  const size = [width, height].map(x => Math.round(x * sharp));
+  if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
+  pen.setTransform(size[0] / width, 0, 0, size[1] / height, 0, 0);
+  pen.clearRect(0, 0, width, height);
   return {pen, width, height};
 }
 function project(at, width, height) {  // perspective projection as in quadpend_gym/viewer/camera.py
   const {azimuth: a, elevation: e} = camera, distance = shape.distance_scale * camera.distance, [ca, sa, ce, se] = [Math.cos(a), Math.sin(a), Math.cos(e), Math.sin(e)];
   const back = [ce * ca, ce * sa, se], right = [-sa, ca, 0], up = [-se * ca, -se * sa, ce], eye = plus(at, back, distance);
   const focal = height / 2 / Math.tan(ANGLE / 2);
-  const toCamera = point => { const off = plus(point, eye, -1); return [dot(off, right), dot(off, up), -dot(off, back)]; };
+  const toCamera = ([x, y, z]) => [right, up, back].map((axis, i) => (i < 2 ? 1 : -1) * (axis[0] * (x - eye[0]) + axis[1] * (y - eye[1]) + axis[2] * (z - eye[2])));
   const pixel = ([x, y, depth]) => [width / 2 + focal * x / depth, height / 2 - focal * y / depth];
   const depth = point => toCamera(point)[2], size = (metres, point) => metres * focal / Math.max(depth(point), NEAR);
   const inPlane = ([across, down], point) => right.map((r, i) => (across * r - down * up[i]) * depth(point) / focal);  // m, of pixels at a point's depth
   return {toCamera, pixel, depth, size, inPlane, right, horizon: ce > 1e-6 ? height / 2 - focal * se / ce : -Infinity};
 }
-function stroke(pen, points, colour, width, dashes = []) {
+function setPen(pen, colour, width, dashes = []) {
   Object.assign(pen, {strokeStyle: colour, lineWidth: width, lineJoin: "round", lineCap: width > 3 ? "round" : "butt"}).setLineDash(dashes);
   pen.beginPath();
+}
+function stroke(pen, points, ...style) {
+  setPen(pen, ...style);
   for (const point of points) pen.lineTo(...point);
   pen.stroke();
 }
@@ -78,11 +83,14 @@ function withOpacity(pen, opacity, draw) {
   pen.globalAlpha = clear;
 }
 function primitives(pen, {toCamera, pixel}) {  // drawing functions in metres
-  function line(a, b, colour, width = 1, opacity = 1, dashes = []) {
-    const ends = [toCamera(a), toCamera(b)], clipped = (p, q) => p[2] < NEAR ? mix(p, q, (NEAR - p[2]) / (q[2] - p[2])) : p;
-    if (Math.max(ends[0][2], ends[1][2]) < NEAR) return;
-    withOpacity(pen, opacity, () => stroke(pen, [clipped(...ends), clipped(ends[1], ends[0])].map(pixel), colour, width, dashes));
+  function lines(pairs, colour, width = 1, opacity = 1, dashes = []) {
+    const clipped = (p, q) => p[2] < NEAR ? mix(p, q, (NEAR - p[2]) / (q[2] - p[2])) : p;
+    setPen(pen, colour, width, dashes);
+    for (const [a, b] of pairs.map(ends => ends.map(toCamera)))
+      if (Math.max(a[2], b[2]) >= NEAR) pen.moveTo(...pixel(clipped(a, b))), pen.lineTo(...pixel(clipped(b, a)));
+    withOpacity(pen, opacity, () => pen.stroke());
   }
+  const line = (a, b, ...style) => lines([[a, b]], ...style);
   function area(points, colour, opacity = 1, edge = 0) {
     const corners = points.map(toCamera);
     if (corners.some(corner => corner[2] < NEAR)) return;
@@ -97,20 +105,19 @@ function primitives(pen, {toCamera, pixel}) {  // drawing functions in metres
     for (const edge of [3, 0]) stroke(pen, [a, plus(b, ahead, -size)], edge ? colours.page : colour, (thin ? 2 : 4) + edge);
     for (const back of long > shape.longest ? [0.6, 0] : [0]) arrowHead(pen, plus(b, ahead, -back * size), ahead, size, colour);
   }
-  return {line, area, arrow};
+  return {line, lines, area, arrow};
 }
-function ground(pen, eye, {line}, width, height, at) {
+function ground(pen, eye, {lines}, width, height, at) {
   const level = clamp(eye.horizon, 0, height), [x, y] = at.map(Math.round);
   const bottom = level + 0.6 * height, tone = pen.createLinearGradient(0, 0, 0, bottom);
   for (const [down, name] of [[0, "sky"], [level, "horizon"], [level, "far"], [bottom, "near"]]) tone.addColorStop(down / bottom, colours[name]);
   Object.assign(pen, {fillStyle: tone}).fillRect(0, 0, width, height);
+  const levels = Array.from({length: REACH + 1}, () => []);  // of opacity
   for (let across = -REACH; across <= REACH; across++)
-    for (let along = -REACH; along < REACH; along += 2) {
-      const opacity = 1 - Math.hypot(across, along + 1) / REACH;
-      if (opacity <= 0) continue;
-      line([x + across, y + along, 0], [x + across, y + along + 2, 0], colours.grid, 1, opacity);
-      line([x + along, y + across, 0], [x + along + 2, y + across, 0], colours.grid, 1, opacity);
-    }
+    for (let along = -REACH; along < REACH; along += 2)
+      levels[Math.max(Math.round(REACH - Math.hypot(across, along + 1)), 0)].push(
+        [[x + across, y + along, 0], [x + across, y + along + 2, 0]], [[x + along, y + across, 0], [x + along + 2, y + across, 0]]);
+  levels.forEach((pairs, i) => i && lines(pairs, colours.grid, 1, i / REACH));
 }
 function attitude([roll, pitch, yaw]) {  // Rz(yaw) Ry(pitch) Rx(roll)
   const [cx, sx, cy, sy, cz, sz] = [roll, pitch, yaw].flatMap(angle => [Math.cos(angle), Math.sin(angle)]);
