@@ -2,8 +2,9 @@
 
     python -m docs.tools.flying_page  # compile the C to docs/tools/flying/*.wasm; needs clang and wasm-ld
 
-`make docs` makes the page of the compiled files. Each of them ends with a hash of its C without the functions read
-from the equations, whose form and last digits depend on the computer. Tests compare it, and flights with Python's.
+`make docs` makes the page of the compiled files. Each of them ends with a hash of its C without tables and
+functions of the equations, whose form and last digits depend on the computer. Tests compare it, and flights with
+those of Python.
 """
 
 import base64
@@ -46,6 +47,7 @@ GAIN_STEPS = (0, 1, 2, 4, 9, 22, 99)  # fewer than in firmware make the page sma
 _COMPILE = ("clang", "--target=wasm32", "-nostdlib", "-mbulk-memory", "-Oz", "-DQUADPEND_DOUBLE", "-DQUADPEND_NO_LIBM")
 _LINK = ("-Wl,--no-entry,--strip-all", *(f"-Wl,--export={name}" for name in ("data_of", "restart", "advance")))
 _EQUATIONS = re.compile(r"static (void (\w+)\([^)]*\)) \{\n  real w0.*?\n\}\n", re.DOTALL)  # functions of `scalar_c`
+_TABLES = re.compile(r"static const [^;]*;")
 _SECTION = b"\x06source"  # name of the section with the hash, after its length
 
 
@@ -81,7 +83,7 @@ def write_c(vehicle: str, folder: Path) -> str:
         source.write_text(_EQUATIONS.sub(share, sources[-2]), encoding="utf-8")
     head = re.sub(r'#include ".*?"\n', "", sources[0].partition("#define MEMORY")[0])
     (folder / "shared.c").write_text(head + "\n".join(shared.values()), encoding="utf-8")
-    written = re.sub(r"R\([^)]*\)", "", _EQUATIONS.sub("", "".join(sources)))
+    written = _TABLES.sub("", _EQUATIONS.sub("", "".join(sources)))
     return hashlib.sha256(written.encode()).hexdigest()
 
 
