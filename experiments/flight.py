@@ -31,7 +31,7 @@ from quadpend_train.reports import figures, tables
 
 POLICIES = (
     *("lqg", "flatness", "dual-mode", "lqi", "lqr", "adrc-matched", "adrc-paper"),
-    *("ppo-flight", "ppo-hummingbird", "sac-hummingbird"),
+    *("apg-flight", "ppo-flight"),
 )
 SLOW, SLOW_EPISODES = ("mppi", "nmpc"), 20  # they take long, and fly in these scenarios only
 SLOW_SCENARIOS = (

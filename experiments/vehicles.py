@@ -37,7 +37,7 @@ from quadpend_train.reports.tables import leaderboard_markdown
 
 WIND_SHARE = 0.1  # root mean square of the force of the wind, as a share of the weight
 FLYERS = ("flatness", "lqi", "lqr", "adrc-matched")
-LEARNED = ("ppo-hummingbird", "sac-hummingbird")
+LEARNED = ("apg-flight", "ppo-flight")
 TILTS, RATES = np.arange(60.0), np.arange(0.0, 300.0, 5.0)  # °, °/s
 # Starts at hover with growing tilts and growing tilt rates, rad and rad/s
 START_LINES = {

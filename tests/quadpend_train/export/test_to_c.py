@@ -31,7 +31,11 @@ def scenario(name: str, **parts: Any) -> Scenario:
     return replace(find_scenarios([name])[name], output_feedback=True, **parts)
 
 
-POLICIES = {"lqg": scenario("flight_breeze"), "ppo-hummingbird-0": scenario("hummingbird_calm")}
+POLICIES = {
+    "lqg": scenario("flight_breeze"),
+    "ppo-alone-0": scenario("windy"),
+    "apg-flight-0": scenario("flight_breeze"),
+}
 
 
 @pytest.fixture(scope="module", params=POLICIES)
