@@ -24,16 +24,16 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from quadpend_gym import Scenario
-from quadpend_gym.engines import initial_memory, lift, observation_function, scalar_c, step_function, vector
+from quadpend_gym.engines import columns, initial_memory, lift, observation_function, scalar_c, step_function, vector
 from quadpend_gym.physics.attitude import quaternion_from_euler
 from quadpend_gym.physics.state import DIRECTION, EULER, POSITION, STATE_SIZE
 from quadpend_gym.physics.vectors import load
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.scenarios.scenario import wind_models
-from quadpend_gym.viewer.snapshot import PAPER_SHAPE, shape_of
+from quadpend_gym.viewer.snapshot import shape_of
 from quadpend_train.export import to_c
 from quadpend_train.policies.loading import load_policy
-from quadpend_train.reports import html_page
+from quadpend_train.reports import html_page, replay
 
 FOLDER = Path(__file__).with_name("flying")
 # Each vehicle's scenario, for which its policies are designed, and the policies; the last one is the best network. The
@@ -119,7 +119,7 @@ def _vehicle_c(vehicle: str) -> str:
     state, memory, action = (ca.SX.sym(name, plant.numel_in(name)) for name in ("state", "memory", "action"))
     wind = ca.SX.sym("wind", 6)
     after = plant(state, memory, action, ca.vertcat(wind, ca.SX.zeros(6)), parameters)
-    attitude = vector(lift(quaternion_from_euler)(lift(load)(np.array(ca.vertsplit(state), object)[:, None], EULER, 0)))
+    attitude = vector(lift(quaternion_from_euler)(lift(load)(columns(state), EULER, 0)))
     sample = ca.vertcat(state[POSITION : POSITION + 3], attitude, state[DIRECTION : DIRECTION + 3])
     _, error = observation_function()(state, parameters, target)
     functions = (
@@ -165,8 +165,6 @@ def page() -> str:
 def _page_data(vehicle: str) -> dict[str, Any]:
     scenario, (_, policies) = design(vehicle), VEHICLES[vehicle]
     (wind,), limits = wind_models(scenario.wind, scenario.simulation), flown(vehicle).task.limits
-    shape = shape_of(scenario.vehicle)
-    sizes = {name: np.asarray(size).tolist() for name, size in shape._asdict().items()}
     parameters = scenario.simulation.parameters
     return {
         "policies": [{"name": name, **html_page.style(k)} for k, name in enumerate(policies)],
@@ -175,7 +173,8 @@ def _page_data(vehicle: str) -> dict[str, Any]:
         "push": [0.2 * parameters.hover_thrust, 0.4 * parameters.gravity * parameters.bob_mass],  # N, the largest ones
         "wind": {"force": wind.force, "decay": float(np.exp(-scenario.simulation.period / wind.time_constant))},
         "limits": [np.cos(limits.pendulum_angle), np.cos(limits.body_angle), limits.tracking_error],
-        "shape": {**sizes, "paper": shape is PAPER_SHAPE, "rod_length": parameters.rod_length},
+        "rod_length": parameters.rod_length,
+        "shape": replay.shape_data(shape_of(scenario.vehicle)),
         "wasm": base64.b64encode(gzip.compress((FOLDER / f"{vehicle}.wasm").read_bytes(), 9, mtime=0)).decode(),
     }
 

@@ -12,10 +12,11 @@ import re
 from pathlib import Path
 from typing import Any
 
-from docs.tools.flying_page import page as flying_page
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+
+from docs.tools.flying_page import page as flying_page
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs/tour.ipynb"

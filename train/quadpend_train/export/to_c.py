@@ -137,7 +137,9 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
     if isinstance(inner, MlpPolicy):
         setattr(inner, "forward", _double_forward(inner))  # noqa: B010
     if (observer := _observer(inner)) is not None:
-        thinned = tuple(table[_gain_rows(len(table), gain_steps)].astype(np.float32).astype(float) for table in observer.tables)
+        thinned = tuple(
+            table[_gain_rows(len(table), gain_steps)].astype(np.float32).astype(float) for table in observer.tables
+        )
         observer.__dict__["tables"] = thinned
     return adapted
 
