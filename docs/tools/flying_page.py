@@ -39,7 +39,7 @@ FOLDER = Path(__file__).with_name("flying")
 # Each vehicle's scenario, for which its policies are designed, and the policies; the last one is the best network. The
 # page begins with the first vehicle, its first policy and its last one.
 VEHICLES = {
-    "hummingbird": ("flight_breeze", ("adrc-paper", "flatness", "lqg", "ppo-flight-0")),
+    "hummingbird": ("flight_breeze", ("adrc-paper", "flatness", "lqg", "apg-flight-0")),
     "paper": ("windy", ("adrc-paper", "flatness", "lqg", "apg-0")),
 }
 HEIGHT = 2.0  # m, of the vehicle at its target

@@ -12,7 +12,7 @@ from quadpend_gym.tasks.observation import OBSERVATION_SCALE
 from tests.helpers.sources import ROOT
 
 DOCS = ROOT / "docs"
-PAGES = sorted([ROOT / "README.md", *ROOT.glob("*/README.md"), *DOCS.glob("*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("*/README.md"), *DOCS.glob("*.md")])
 MAP = (DOCS / "paper.md").read_text(encoding="utf-8")
 TASKS = (DOCS / "tasks.md").read_text(encoding="utf-8")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
