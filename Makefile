@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: help demo test check check-extras format bench golden accuracy soak docs results dist clean
+.PHONY: help demo test check check-extras format bench golden accuracy soak docs flying results dist clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -48,7 +48,10 @@ soak: .venv/.installed  ## docs/soak.md: everything for an hour on two cores
 
 docs: .venv/.installed  ## build the documentation site in site/; a broken link or a missing reference is an error
 	$(BIN)/python -m docs.tools.schemas
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+
+flying: .venv/.installed  ## compile the vehicles and policies of the flying page to WebAssembly; needs clang and lld
+	$(BIN)/python -m docs.tools.flying_page
 
 EXPERIMENTS := $(basename $(notdir $(shell grep -l __main__ experiments/*.py)))
 results: .venv/.installed  ## the published pages of results; EXPERIMENTS=name runs only experiments/name.py

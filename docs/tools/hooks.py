@@ -16,6 +16,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from docs.tools.flying_page import page as flying_page
+
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs/tour.ipynb"
 # Pages of the site that are made from files of other names, by the paths of these files
@@ -27,7 +29,8 @@ LANGUAGES = {".py": "python", ".toml": "toml", ".yml": "yaml", ".json": "json", 
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages of `PAGES`, and one for every source file that a page links to."""
+    """Add the flying page, the pages of `PAGES`, and one for every source file that a page links to."""
+    files.append(File.generated(config, "flying.html", content=flying_page()))
     for source in ("CHANGELOG.md", "CONTRIBUTING.md"):
         files.append(File.generated(config, PAGES[source], content=(ROOT / source).read_text(encoding="utf-8")))
     text, pictures = notebook_page(json.loads(NOTEBOOK.read_text(encoding="utf-8")))
@@ -48,6 +51,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Replace links that leave `docs/` by links to the pages of `on_files`, and write out links with code as label."""
     markdown = LINK.sub(lambda match: match[1] + _site_link(page.file.src_uri, match[2]), markdown)
+    if page.file.src_uri == "index.md":
+        page.meta["hide"] = ["navigation", "toc"]  # room for the flying page
     targets = dict(LABEL.findall(markdown))  # Python-Markdown does not resolve labels in backticks
     return SHORTCUT.sub(
         lambda match: f"[{match[1]}]({targets[match[1]]})" if match[1] in targets else match[0], markdown

@@ -23,7 +23,7 @@ def test_every_link_has_a_target(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     links = re.findall(r"\]\((?!https?:)([^)#\s]+)(?:#[^)]*)?\)", text)
     links += re.findall(r"^\[[^\]]+\]: (\S+)$", text, re.MULTILINE)
-    made = ("schemas/",)  # written by `make docs`
+    made = ("schemas/", "flying.html")  # written by `make docs`
     assert [link for link in links if not link.startswith(made) and not (page.parent / link).exists()] == []
 
 

@@ -51,7 +51,7 @@ static void predict(real *estimate, const real *action, int first, int end) {
 #endif
 
 #if NETWORK
-static void dense(int inputs, int outputs, const real *weights, const real *biases, const real *x, real *y) {
+static void dense(int inputs, int outputs, const float *weights, const float *biases, const real *x, real *y) {
   for (int i = 0; i < outputs; ++i) {
     real sum = biases[i];
     for (int j = 0; j < inputs; ++j) sum += weights[i * inputs + j] * x[j];

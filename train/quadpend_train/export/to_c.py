@@ -4,7 +4,7 @@
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -32,14 +32,17 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 
 _FOLDER = Path(__file__).parent
 _STEPS = 100  # golden vectors
-# Corrections from which on a gain of the Kalman filter is used: 20 at the beginning, then the steady one
-_GAIN_STEPS = (*range(10), 11, 13, 15, 18, 22, 27, 34, 43, 55, 72, 99)
+# Corrections from which on a gain of the Kalman filter, in single precision, is used: 20 at the beginning, then the
+# steady one
+GAIN_STEPS = (*range(10), 11, 13, 15, 18, 22, 27, 34, 43, 55, 72, 99)
 _ACTIVATIONS = {"relu": "q_max({0}, 0)", "tanh": "q_tanh({0})", "elu": "{0} > 0 ? {0} : q_exp({0}) - 1"}
 _HOLDS = "the latest one is held"
 _PREDICTS = "the observer\n * predicts"
 
 
-def export_c(policy: Policy, name: str, scenario: Scenario, out: Path) -> list[Path]:
+def export_c(
+    policy: Policy, name: str, scenario: Scenario, out: Path, gain_steps: Sequence[int] = GAIN_STEPS
+) -> list[Path]:
     """Write a policy as C, for the vehicle, the interface, the period and the latency of a scenario.
 
     Args:
@@ -47,6 +50,7 @@ def export_c(policy: Policy, name: str, scenario: Scenario, out: Path) -> list[P
         name: Its name, for comments.
         scenario: The scenario. Velocities are not measured, as in scenarios with ``output_feedback``.
         out: The source to write; the header and the golden vectors (``_check.c``) are written beside it.
+        gain_steps: Corrections from which on a gain of the Kalman filter is used.
 
     Returns:
         The three files.
@@ -58,14 +62,14 @@ def export_c(policy: Policy, name: str, scenario: Scenario, out: Path) -> list[P
     if out.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", stem, re.ASCII):
         raise ValueError(f"the name of a C file must be letters, digits and _, and end with .c, not {out.name!r}")
     scenario = replace(scenario, output_feedback=True)
-    adapted = _adapted(policy, name, scenario)
+    adapted = adapt(policy, name, scenario, gain_steps)
     inner = _inner(adapted)
     simulation, found = scenario.simulation, program(inner, scenario.simulation)
     scale, is_network, reads_observer = simulation.command_scale, isinstance(inner, MlpPolicy), bool(found.checked)
     functions = dict(found.functions)
     tables, layers = "", ""
     if reads_observer:
-        tables += _gain_tables(_observer(inner))
+        tables += _gain_tables(_observer(inner), gain_steps)
     if isinstance(inner, MlpPolicy):
         more, network_tables, layers = _network(inner)
         functions, tables = {**functions, **more}, tables + network_tables
@@ -115,7 +119,7 @@ def export_c(policy: Policy, name: str, scenario: Scenario, out: Path) -> list[P
     return list(files.values())
 
 
-def _adapted(policy: Policy, name: str, scenario: Scenario) -> Any:
+def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[int] = GAIN_STEPS) -> Any:
     """Return the policy for a scenario, with the gains and the precision of its C file."""
     trained = policy.card.get("settings", {}).get("scenarios", ()) if isinstance(policy, MlpPolicy) else ()
     tasks = [scenario.task, *(item.task for item in find_scenarios(trained).values())]
@@ -133,7 +137,9 @@ def _adapted(policy: Policy, name: str, scenario: Scenario) -> Any:
     if isinstance(inner, MlpPolicy):
         setattr(inner, "forward", _double_forward(inner))  # noqa: B010
     if (observer := _observer(inner)) is not None:
-        thinned = tuple(table[_gain_rows(len(table))] for table in observer.tables)
+        thinned = tuple(
+            table[_gain_rows(len(table), gain_steps)].astype(np.float32).astype(float) for table in observer.tables
+        )
         observer.__dict__["tables"] = thinned
     return adapted
 
@@ -166,17 +172,18 @@ def _double_forward(policy: MlpPolicy) -> Any:
     return forward
 
 
-def _gain_rows(steps: int) -> Any:
+def _gain_rows(steps: int, gain_steps: Sequence[int]) -> Any:
     """Return for each correction the step whose gain is used."""
-    used = np.array(_GAIN_STEPS)
+    used = np.array(gain_steps)
     return used[np.searchsorted(used, np.arange(steps), side="right") - 1]
 
 
-def _gain_tables(observer: Estimator) -> str:
+def _gain_tables(observer: Estimator, gain_steps: Sequence[int]) -> str:
     every = observer.tables[0]
-    table, rows = every[:, every.any(axis=0)][list(_GAIN_STEPS)], np.searchsorted(_GAIN_STEPS, _gain_rows(len(every)))
+    used_rows = np.searchsorted(gain_steps, _gain_rows(len(every), gain_steps))
+    table = every[:, every.any(axis=0)][list(gain_steps)]
     return (
-        f"static const unsigned char gain_rows[{len(rows)}] = {{\n{_lines(map(str, rows))}}};\n"
+        f"static const unsigned char gain_rows[{len(used_rows)}] = {{\n{_lines(map(str, used_rows))}}};\n"
         f"static const real gains[{len(table)}][{table[0].size}] = {{\n"
         + ",\n".join(f"{{{_numbers(gain.ravel())}}}" for gain in table)
         + "};\n"
@@ -205,8 +212,8 @@ def _network(policy: MlpPolicy) -> tuple[dict[str, Any], str, str]:
     tables = f"#define INPUTS {count}\n"
     for i, (weights, biases) in enumerate(layers):
         rows, columns = weights.shape
-        tables += f"static const real weights_{i}[{rows * columns}] = {{\n{_numbers(weights.T.ravel())}}};\n"
-        tables += f"static const real biases_{i}[{columns}] = {{\n{_numbers(biases)}}};\n"
+        tables += f"static const float weights_{i}[{rows * columns}] = {{\n{_numbers(weights.T.ravel())}}};\n"
+        tables += f"static const float biases_{i}[{columns}] = {{\n{_numbers(biases)}}};\n"
         lines.append(f"real layer_{i + 1}[{columns}];")
         lines.append(f"dense({rows}, {columns}, weights_{i}, biases_{i}, layer_{i}, layer_{i + 1});")
         if i < len(layers) - 1:

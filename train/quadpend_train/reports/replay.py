@@ -12,7 +12,7 @@ from tqdm.auto import tqdm
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.viewer.snapshot import PAPER_SHAPE
+from quadpend_gym.viewer.snapshot import PAPER_SHAPE, Shape
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.recording import Recording, record_episode
@@ -96,17 +96,22 @@ def _episode_data(recordings: list[Recording], scenario: Scenario) -> dict[str, 
         {"fell": item.fell_at and round(item.fell_at, 6), "samples": _rounded(_samples(item, period))}
         for item in recordings
     ]
-    sizes = first.shape._asdict().items()
     return {
         "rate": 1.0 / (_sample_interval(period) * period),
         "start": period,
         "duration": scenario.steps * period,
         "rod_length": first.rod_length,
         "side": scenario.task.side,
-        "shape": {**{name: np.asarray(size).tolist() for name, size in sizes}, "paper": first.shape is PAPER_SHAPE},
+        "shape": shape_data(first.shape),
         "reference": _rounded(reference),
         "episodes": episodes,
     }
+
+
+def shape_data(shape: Shape) -> dict[str, Any]:
+    """Return the sizes of a vehicle as data for JSON."""
+    sizes = {name: np.asarray(size).tolist() for name, size in shape._asdict().items()}
+    return {**sizes, "paper": shape is PAPER_SHAPE}
 
 
 def _samples(recording: Recording, period: float) -> Floats:
