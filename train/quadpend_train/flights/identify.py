@@ -44,7 +44,7 @@ TRAINING = 0.7  # share of each log for the fit; the rest is held out
 _HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 20  # s, s; times in a window at which errors count
 _BLOCKS = 30
 UNIDENTIFIED, _BLIND = 0.2, 1.0  # relative standard deviations; beyond the second, the value of the start is better
-_PASSES = 2  # fits, between which the errors are scaled anew
+_PASSES = (0.3, 1.0)  # share of each window in the first and in the second fit: far starts diverge in long windows
 _IGNORED = 1e9  # scale of errors that do not count
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
 
@@ -148,7 +148,8 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
     fit = _Fit([windows_of(log, _HORIZON, _STRIDE) for log in fitted], start)
     missing = {name: fit.known[name] for name in unseen(logs[0])}
     values, names = fit.start | missing, [name for name in QUANTITIES if name not in missing]
-    for _ in range(_PASSES):
+    for share in _PASSES:
+        fit.cut(share)
         fit.scale(values)
         values = fit.solve(values, names)
     estimates = fit.estimates(values, names)
@@ -169,7 +170,8 @@ class _Fit:
     """The errors of a vehicle in the windows of logs as functions of the quantities."""
 
     def __init__(self, windows: Sequence[Windows], start: Vehicle) -> None:
-        self.windows, self.base = windows, without_pole(start)
+        self.whole, self.base = windows, without_pole(start)
+        self.cut(1.0)
         rotors, mass = rotors_of(start), start.mass
         arm = float(np.abs(np.array(rotors.positions)[:, :2]).max())
         coefficient = float(np.mean([hover_coefficient(each.log, mass, start.gravity) for each in windows]))
@@ -195,10 +197,14 @@ class _Fit:
         self.known |= {"thrust_coefficient": kept or coefficient, "lag": max(0.5 * sum(rotors.lags), 1e-4)}
         self.known |= {"angular_drag": start.drag.angular[0], "angular_drag_yaw": start.drag.angular[2]}
         self.known |= {"rotor_inertia": rotors.inertia}
-        self.at = np.unique(np.linspace(0, windows[0].steps, _TIMES + 1).round().astype(int))
         self.scales: Any = 1.0
         self.slopes: Any = None  # of the errors by the starts of the windows, shape (w, 12, 12 times)
         self.gains: Any = None  # the starts that explain errors best, shape (w, 12, 12 times)
+
+    def cut(self, share: float) -> None:
+        """Count only the first part of each window from now on."""
+        self.windows = [replace(each, steps=max(1, round(share * each.steps))) for each in self.whole]
+        self.at = np.unique(np.linspace(0, self.windows[0].steps, _TIMES + 1).round().astype(int))
 
     def vehicle(self, values: dict[str, float]) -> Vehicle:
         """Return the vehicle with these values, with a nearly weightless pole."""

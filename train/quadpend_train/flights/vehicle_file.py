@@ -53,7 +53,7 @@ def vehicle_text(found: Identification, start: Vehicle) -> str:
         ("thrust", rotors.thrust, "highest: of the highest number of a motor in the logs"),
         ("torque_per_thrust", rotors.torque_per_thrust, f"{source('torque_per_thrust')}; with the yaw inertia above"),
         ("lag_up", rotors.lag_up, source("lag")),
-        ("inertia", rotors.inertia, given),
+        ("inertia", rotors.inertia, f"{source('rotor_inertia')}; with the yaw inertia above"),
         ("thrust_coefficient", rotors.thrust_coefficient, source("thrust_coefficient")),
         ("[drag]", None, ""),
         ("rotor", drag.rotor, source("drag_x", "drag_y", "drag_z")),
