@@ -11,6 +11,7 @@ Mass, gravity and the geometry of the rotors are known. From motions and motor n
 | `thrust_coefficient`   | thrust per squared motor number: the mass times an acceleration                           |
 | `inertia_roll`, `_pitch` | torque, which is arm times thrust, per angular acceleration                               |
 | `torque_per_thrust`    | only κ/I_z: the inertia of yaw is assumed, see below                                      |
+| `rotor_inertia`        | only J/I_z: the body turns against rotors that speed up                                   |
 | `lag`, `delay`         | first-order lag of the thrusts, and how much later than the motors the motion is logged   |
 | `drag_x`, `_y`, `_z`   | drag per velocity along the body axes                                                     |
 | `drag_height`          | torque of this drag per force: where it acts above the centre of mass                     |
@@ -21,7 +22,8 @@ The inertia of yaw keeps its ratio to the sum of the two others, which the start
 
 Intervals: 95 %, from the covariance of blocks of windows, H⁻¹ (Σ gᵦ gᵦᵀ) H⁻¹ with the gradient gᵦ of each block, the
 Hessian H = Jᵀ diag(ρ″) J of the loss ρ, and Student's t. Errors in neighbouring windows depend on each other, which H⁻¹
-alone leaves out. Noise of the motor numbers biases the fit, which the intervals leave out.
+alone leaves out. White noise of the motor numbers biases the fit: as much noise again, added to the log, moves the
+minimum by about this bias, in one Newton step. The bias is subtracted, and counts as a deviation.
 """
 
 from collections.abc import Sequence
@@ -123,7 +125,10 @@ class Identification:
 
     def sentences(self) -> list[str]:
         """Return what the logs do not show, with the manoeuvre that would."""
-        hidden, missing = [name for name, found in self.estimates.items() if not found.identified], unseen(self.fitted[0])
+        hidden, missing = (
+            [name for name, found in self.estimates.items() if not found.identified],
+            unseen(self.fitted[0]),
+        )
         ways = {name: missing.get(name, f"fly {QUANTITIES[name].manoeuvre}") for name in hidden}
         return [f"{name} is not identified; {way}" for name, way in ways.items()]
 

@@ -1,7 +1,8 @@
 """Replay of a flight log: the vehicle flies open loop from states of the log, under the motor commands of the log.
 
 A window begins with the logged position, velocity, attitude and body rate, and with the rotor thrusts that the commands
-before it have brought. Thrusts do not lag behind measured speeds. All windows are one batch of the plant. The vehicle has no pole, unless it is asked for.
+before it have brought; thrusts do not lag behind measured speeds. All windows are one batch of the plant. The vehicle
+has no pole, unless it is asked for.
 """
 
 from dataclasses import dataclass, replace
