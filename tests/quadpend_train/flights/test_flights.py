@@ -135,7 +135,7 @@ def test_training_takes_the_vehicle_and_its_ranges(found: Identification, tmp_pa
     assert_allclose(again.inertia_matrix, found.vehicle.inertia_matrix, rtol=1e-3)
     assert again.pole == start.pole
     scenarios = find_scenarios([str(path)])
-    assert len(scenarios) == 3
+    assert len(scenarios) == 2  # divides the usual numbers of environments
     for scenario in scenarios.values():
         assert scenario.vehicle == again
         assert scenario.parameters is not None
