@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: help demo test check check-extras format bench golden accuracy soak docs results clean
+.PHONY: help demo test check check-extras format bench golden accuracy soak docs results dist clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -27,7 +27,7 @@ check: .venv/.installed  ## run what CI runs first: format, lint, types, docs, t
 	$(MAKE) docs test
 
 check-extras: .venv-ray/.installed  ## run the tests that need Ray or Betaflight, or take long; what is missing is skipped with a reason
-	OMP_NUM_THREADS=1 .venv-ray/bin/python -m pytest -m extras -rs
+	OMP_NUM_THREADS=1 PIP_CONSTRAINT=$(CURDIR)/constraints.txt .venv-ray/bin/python -m pytest -m extras -rs
 
 format: .venv/.installed  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .
@@ -54,9 +54,16 @@ EXPERIMENTS := $(basename $(notdir $(shell grep -l __main__ experiments/*.py)))
 results: .venv/.installed  ## the published pages of results; EXPERIMENTS=name runs only experiments/name.py
 	$(foreach name,$(EXPERIMENTS),$(BIN)/python -m experiments.$(name) &&) true
 
+dist:  ## build sdist and wheel in dist/, and check what PyPI checks
+	rm -rf build dist
+	$(PYTHON) -m venv build/venv
+	build/venv/bin/python -m pip install --quiet build twine
+	build/venv/bin/python -m build --outdir dist >build/log || (cat build/log; false)
+	build/venv/bin/twine check --strict dist/*
+
 clean:  ## delete the caches of numba and of the tools
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
-	rm -rf site .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info
+	rm -rf site .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist *.egg-info
 
 .venv/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.10 or newer is needed, not " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'

@@ -1,6 +1,6 @@
 """How exact the simulation is, and how often intervals and tests are right.
 
-`make accuracy` runs this file as ``python -m benchmarks.accuracy`` and updates docs/accuracy.md. Everything is
+`make accuracy` runs this file as ``python -m benchmarks.accuracy`` and updates docs/accuracy/tables.md. Everything is
 simulated from fixed seeds, so the numbers are the same in every run on the same kind of machine.
 """
 
@@ -261,7 +261,7 @@ def main() -> None:
         "coverage": coverage_table(),
         "errors": error_table(),
     }
-    fill(DOCS / "accuracy.md", parts)
+    fill(DOCS / "accuracy/tables.md", parts)
     print("\n\n".join(parts.values()))
 
 

@@ -1,4 +1,4 @@
-"""docs/time_to_beat.md: training time until a policy reaches a goal, over several training seeds.
+"""docs/benchmarks/time_to_beat.md: training time until a policy reaches a goal, over several training seeds.
 
     python -m benchmarks.time_to_beat      # five training seeds; about half an hour
 
@@ -152,7 +152,7 @@ def markdown(times: dict[str, list[GoalTime]], rate: float) -> str:
     return f"""# Time to beat
 
 {max(map(len, times.values()))} training seeds; each result is confirmed in a second block of {EPISODES} episodes.
-[`time_to_beat.py`](../benchmarks/time_to_beat.py) defines the goals; `python -m benchmarks.time_to_beat` measures them.
+[`time_to_beat.py`](../../benchmarks/time_to_beat.py) defines the goals; `python -m benchmarks.time_to_beat` measures.
 {platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it with the settings `ppo`.
 
 {markdown_table(headings, rows)}
@@ -165,7 +165,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5, help="number of training seeds, counted from 0")
     times = measure(parser.parse_args().seeds)
     rate = speed.measure_training(rounds=3)["PPO on QuadPendulum-v0 in wind"]
-    write_text(DOCS / "time_to_beat.md", markdown(times, rate))
+    write_text(DOCS / "benchmarks/time_to_beat.md", markdown(times, rate))
 
 
 if __name__ == "__main__":

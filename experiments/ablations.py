@@ -1,4 +1,4 @@
-"""Part of docs/results.md on ablations: the same training with and without one part of a learner.
+"""Part of docs/results/tables.md: the same training with and without one part of a learner.
 
     python -m experiments.ablations --jobs 2      # three training seeds; about ten hours; runs/ablations/
 
@@ -117,7 +117,7 @@ def main() -> None:
     errors = [[penalised_rmse(policy, CONSTANT_SCENARIO) for policy in group] for group in groups]
     rows.append(row(CONSTANT, CONSTANT_SCENARIO, *map(np.stack, errors)))
     table = markdown_table(["part", "scenario", "without", "with", "difference"], rows)
-    fill(DOCS / "results.md", {"ablations": table})
+    fill(DOCS / "results/tables.md", {"ablations": table})
     print(table)
 
 

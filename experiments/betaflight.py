@@ -1,6 +1,6 @@
-"""The tables of docs/betaflight.md: policies through real firmware, with gains matched to the vehicle and with its own.
+"""docs/betaflight/results.md: policies through real firmware, with gains matched to the vehicle and with its own.
 
-    python -m experiments.betaflight lqg flatness lqi dual-mode ppo-hummingbird-0      # 20 episodes, seeds from 1000000
+    python -m experiments.betaflight lqg flatness lqi dual-mode apg-flight-0      # 20 episodes, seeds from 1000000
 
 The scenarios are `flight_breeze`, a fluctuating force of 0.12 N on the hummingbird, and the same at 50 Hz with 30 ms of
 latency; the racer flies them with forces in proportion to its weight.
@@ -50,7 +50,7 @@ def main() -> None:
         rows.append([*name.split(" · "), *numbers])
     table = markdown_table(["vehicle", "scenario", "rate loop", *made.policies], rows)
     command = f"betaflight {' '.join(given.policies)}"
-    fill(DOCS / "betaflight.md", {"betaflight": f"{made_by(command, given.episodes, given.seed)}\n\n{table}"})
+    fill(DOCS / "betaflight/results.md", {"betaflight": f"{made_by(command, given.episodes, given.seed)}\n\n{table}"})
 
 
 if __name__ == "__main__":

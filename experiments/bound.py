@@ -1,4 +1,4 @@
-"""docs/bound.md: the best flight of each episode with everything known in advance, and the gap of policies to it.
+"""docs/bound/: the best flight of each episode with everything known in advance, and the gap of policies to it.
 
     python -m experiments.bound --jobs 2 --episodes 8      # seeds from 1000000; forty minutes; needs the extra mpc
 
@@ -213,7 +213,7 @@ def main() -> None:
     table, gaps = gap_table(found, comparison)
     label = "penalised RMSE minus that of the best flight that was found (mm)"
     figures.write_png(interval_figure(gaps, label, log=True), FOLDER / "bound.png")
-    fill(DOCS / "bound.md", {"bound": f"{made_by('bound', given.episodes, given.seed)}\n\n{table}"})
+    fill(DOCS / "bound/tables.md", {"bound": f"{made_by('bound', given.episodes, given.seed)}\n\n{table}"})
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Table of a minute of training in docs/results.md: PPO with five training seeds, and two classical controllers.
+"""docs/demo/, a minute of training: PPO with five training seeds, and two classical controllers.
 
     python -m experiments.demo      # ten minutes; runs/demo-0 to runs/demo-4 and docs/demo/
 

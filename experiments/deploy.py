@@ -1,4 +1,4 @@
-"""Policies as C on an emulated STM32F405 (Cortex-M4F), and in flight: the tables of docs/deploy.md.
+"""Policies as C on an emulated STM32F405 (Cortex-M4F), and in flight: docs/deploy/results.md.
 
     python -m experiments.deploy                 # golden vectors and the chip
     python -m experiments.deploy --episodes 200  # flights: single precision in C beside Python, seeds from 1000000
@@ -25,8 +25,8 @@ from quadpend_train.export.to_c import export_c
 from quadpend_train.policies.loading import load_policy
 
 POLICIES = {
-    "flight_breeze": ("lqg", "lqr", "lqi", "flatness", "dual-mode", "adrc-paper", "ppo-hummingbird-0"),
-    "windy": ("apg-0", "ppo-gain-scheduling-0", "adrc-paper"),
+    "flight_breeze": ("lqg", "lqr", "lqi", "flatness", "dual-mode", "adrc-paper", "ppo-flight-0", "apg-flight-0"),
+    "windy": ("apg-0", "ppo-alone-0", "ppo-gain-scheduling-0", "adrc-paper"),
 }
 _CHIP = Path(__file__).parent / "chip"
 MISSING = [name for name in ("arm-none-eabi-gcc", "qemu-system-arm") if which(name) is None]
@@ -128,13 +128,13 @@ def main() -> None:
             flights = [flown(name, given, Path(folder)) for name in POLICIES["flight_breeze"]]
         headings = ["policy", "other survival, episodes of one scenario", "of all", "error, median", "error, largest"]
         table = f"{made_by(f'deploy --episodes {given}', given, TEST_SEED)}\n\n{markdown_table(headings, flights)}"
-        fill(DOCS / "deploy.md", {"flown": table})
+        fill(DOCS / "deploy/results.md", {"flown": table})
         return
     columns = ("policy", "scenario", "error, double", "float", "on the chip", "flash, kB", "RAM, kB", "instructions")
     head = f"| {' | '.join((*columns, 'of 10 ms'))} |"
     with tempfile.TemporaryDirectory() as folder:
         rows = [row(name, scenario, Path(folder)) for scenario, names in POLICIES.items() for name in names]
-    fill(DOCS / "deploy.md", {"chip": "\n".join([head, "| --- " * head.count(" | ") + "| --- |", *rows])})
+    fill(DOCS / "deploy/results.md", {"chip": "\n".join([head, "| --- " * head.count(" | ") + "| --- |", *rows])})
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """docs/flight.md, docs/flight/ and the first table of the README: the flight benchmark.
 
     python -m experiments.flight --jobs 2      # 200 episodes in each scenario, seeds from 1000000
-    python -m experiments.flight lqg flatness mine=mine:make --out results/flight      # a page with a policy of yours
+    python -m experiments.flight lqg flatness mine=mine:make --out results/flight      # with a policy of yours
 
 It needs the extras mpc and control. docs/flight/lqg_front.csv, a curve in a figure, comes from `experiments.lqg_front`.
 """
@@ -31,7 +31,7 @@ from quadpend_train.reports import figures, tables
 
 POLICIES = (
     *("lqg", "flatness", "dual-mode", "lqi", "lqr", "adrc-matched", "adrc-paper"),
-    *("ppo-flight", "ppo-hummingbird", "sac-hummingbird"),
+    *("apg-flight", "ppo-flight"),
 )
 SLOW, SLOW_EPISODES = ("mppi", "nmpc"), 20  # they take long, and fly in these scenarios only
 SLOW_SCENARIOS = (
@@ -119,7 +119,7 @@ def slow_table(found: Comparison, seed: int, jobs: int) -> str:
 def main() -> None:
     """Fly, and write the page with its figures and tables."""
     given = options(__doc__, 200, POLICIES, FOLDER)
-    settings, page, published = (given.episodes, given.seed), given.out.with_suffix(".md"), FOLDER.with_suffix(".md")
+    settings, page, published = (given.episodes, given.seed), given.out / "tables.md", FOLDER / "tables.md"
     found = compare(given.policies, ["flight"], *settings, CACHE, jobs=given.jobs)
     delays, table = delay_margins(found, given.seed, given.jobs), cell_table(found)
     rows = [[*row, "extra delay (ms)"] for row in tables.ranking_rows(found)]
@@ -142,6 +142,7 @@ def main() -> None:
         shown = rows[:10] + ([row for row in rows[10:] if row[1] == "adrc-paper"] or rows[10:11])
         short = [[row[i] for i in (0, 1, 2, 4, -1, -3)] for row in shown]  # survival, error, extra delay, call
         fill(README, {"flight": markdown_table(short[0], short[1:])})
+        fill(DOCS / "flight.md", {f"flight-{name}": parts[name] for name in ("provenance", "ranking")})
     write_text(page, published.read_text(encoding="utf-8"))
     fill(page, {f"flight-{name}": text for name, text in parts.items()})
 

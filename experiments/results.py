@@ -1,10 +1,10 @@
-"""docs/results.md and the table of the README: learned policies and classical controllers in all test scenarios.
+"""docs/results.md and its tables: learned policies and classical controllers in all test scenarios.
 
     python -m experiments.results --jobs 2      # 200 episodes in each scenario, seeds from 1000000; half an hour
 
 It also writes docs/results/ (tables, figures, report.html), docs/hover/, and docs/results/sample.csv: three episodes of
-each policy in each scenario, which a test flies again. `python -m experiments.demo` makes the table of a minute of
-training on the same page, `experiments.learning`, `situation`, `ablations` and `bound` the other parts.
+each policy in each scenario, which a test flies again. `python -m experiments.demo` trains for a minute,
+`experiments.learning`, `situation`, `ablations` and `bound` make the other parts.
 """
 
 import shutil
@@ -60,14 +60,13 @@ def main() -> None:
     planned = bound.read(bound.FOLDER / "bound.csv", list(comparison.scenarios), 8, given.seed)
     best, *others = (row.policy for row in standings)
     sentences = [compare_pair(comparison.table, best, other).sentence() for other in others[:PAIRS]]
-    parts = {
+    page = {
         "provenance": made_by("results", given.episodes, given.seed),
-        "tuning": tuning(),
         "leaderboard": tables.leaderboard_markdown(standings, bound.bound_row(planned, comparison, best)),
-        "pairwise": "\n".join(f"- {sentence}" for sentence in sentences),
-        "matrix": matrix(comparison),
     }
-    fill(DOCS / "results.md", parts)
+    pairs = "\n".join(f"- {sentence}" for sentence in sentences)
+    fill(DOCS / "results.md", page)
+    fill(DOCS / "results/tables.md", {"tuning": tuning(), "pairwise": pairs, "matrix": matrix(comparison)})
     hover = compare(("dual-mode", "flatness", "adrc-paper", *LEARNED), ["hover", "hover_windy"], 200, given.seed, CACHE)
     report.write(hover, leaderboard(hover.table), DOCS / "hover")
     for folder in (DOCS / "results", DOCS / "hover"):  # too large for the repository

@@ -1,4 +1,4 @@
-"""Part of docs/results.md on the situation: what `apg` gains from observing its own situation instead of the mean one.
+"""Part of docs/results/tables.md: what `apg` gains from observing its own situation instead of the mean one.
 
     python -m experiments.situation --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 
@@ -105,7 +105,7 @@ def main() -> None:
     figures.write_png(interval_figure(drawn, label), DOCS / "situation/situation.png")
     rows = [[scenario, *map(format_interval, row.values())] for scenario, row in measured.items()]
     table = markdown_table(["scenario", *next(iter(measured.values()))], rows)
-    fill(DOCS / "results.md", {"situation": f"{made_by('situation', given.episodes, given.seed)}\n\n{table}"})
+    fill(DOCS / "results/tables.md", {"situation": f"{made_by('situation', given.episodes, given.seed)}\n\n{table}"})
 
 
 if __name__ == "__main__":

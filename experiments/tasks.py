@@ -1,4 +1,4 @@
-"""docs/tasks-results.md: how well policies solve the other tasks of the paper's vehicle.
+"""docs/tasks-results/tables.md: how well policies solve the other tasks of the paper's vehicle.
 
     python -m experiments.tasks --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 
@@ -168,7 +168,7 @@ def main() -> None:
             feasible = [feasible_shares(value, given.episodes, given.seed) for value in ACCELERATIONS]
             text += "\n\n" + acceleration_table(found, feasible)
             figures.write_png(acceleration_figure(found, feasible), DOCS / "tasks-results/agile.png")
-        fill(DOCS / "tasks-results.md", {f"tasks-{name}": text})
+        fill(DOCS / "tasks-results/tables.md", {f"tasks-{name}": text})
 
 
 if __name__ == "__main__":

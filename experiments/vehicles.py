@@ -1,4 +1,4 @@
-"""docs/vehicles-results.md: how well controllers fly real vehicles.
+"""docs/vehicles-results/tables.md: how well controllers fly real vehicles.
 
     python -m experiments.vehicles --jobs 2      # 100 episodes in each scenario, seeds from 1000000
 
@@ -37,7 +37,7 @@ from quadpend_train.reports.tables import leaderboard_markdown
 
 WIND_SHARE = 0.1  # root mean square of the force of the wind, as a share of the weight
 FLYERS = ("flatness", "lqi", "lqr", "adrc-matched")
-LEARNED = ("ppo-hummingbird", "sac-hummingbird")
+LEARNED = ("apg-flight", "ppo-flight")
 TILTS, RATES = np.arange(60.0), np.arange(0.0, 300.0, 5.0)  # °, °/s
 # Starts at hover with growing tilts and growing tilt rates, rad and rad/s
 START_LINES = {
@@ -131,7 +131,7 @@ def main() -> None:
         "as-flown": as_flown(FLYERS, 2 * given.episodes, given.seed, given.jobs),
         "leaderboard": f"{leaderboard_markdown(leaderboard(compared.table))}\n\n{matrix(compared)}",
     }
-    fill(DOCS / "vehicles-results.md", {f"vehicles-{name}": table for name, table in parts.items()})
+    fill(DOCS / "vehicles-results/tables.md", {f"vehicles-{name}": table for name, table in parts.items()})
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ from quadpend_gym.wind import (
     VonKarman,
 )
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 __all__ = [
     "OBSERVATION_FIELDS",
     "PAPER",

@@ -9,6 +9,7 @@ Writes `sac.zip`. `quadpend evaluate sac.zip flatness --scenarios calm` compares
 """
 
 import argparse
+from typing import Any
 
 import gymnasium as gym
 import torch
@@ -18,13 +19,15 @@ from quadpend_train import SB3VecEnv, Scenario, run_episodes
 
 parser = argparse.ArgumentParser(description="Train SAC at 25 Hz.")
 parser.add_argument("--total-timesteps", type=int, default=90_000, help="environment steps of training")
+parser.add_argument("--vehicle", default="paper", help="paper or hummingbird, which is commanded by body rates")
 parser.add_argument("--wind", default="calm", help="calm, breeze, windy, storm or paper")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--out", default="sac.zip", help="file of the trained model")
 args = parser.parse_args()
 
 torch.set_num_threads(1)  # more threads slow down networks as small as this one
-scenario = Scenario(wind=args.wind, period=0.04, substeps=8)
+interface: Any = "wrench" if args.vehicle == "paper" else "body_rates"
+scenario = Scenario(wind=args.wind, vehicle=args.vehicle, interface=interface, period=0.04, substeps=8)
 envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=32, scenario=scenario, autoreset_mode="SameStep")
 model = SAC(
     "MlpPolicy",

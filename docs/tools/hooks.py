@@ -1,8 +1,8 @@
 """Hooks of MkDocs: pages of the site that are made from files outside `docs/`.
 
 A link from a page to a source file becomes a link to a page with that source, so the site needs no server of the
-repository. The changelog and the notebook of the tour become pages too. The links on disk stay as they are and work on
-any host of the repository.
+repository. The files in `PAGES` become pages too. The links on disk stay as they are and work on any host of the
+repository.
 """
 
 import base64
@@ -19,16 +19,17 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs/tour.ipynb"
 # Pages of the site that are made from files of other names, by the paths of these files
-PAGES = {"CHANGELOG.md": "changelog.md", "docs/tour.ipynb": "tour.md"}
-LINK = re.compile(r"(\]\(|^\[[^\]]+\]: )((?:\.\./|docs/|tour\.ipynb)[^)#\s]*)", re.MULTILINE)
+PAGES = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md", "docs/tour.ipynb": "tour.md"}
+LINK = re.compile(r"(\]\(|^\[[^\]]+\]: )((?:\.\./|docs/|tests/|tour\.ipynb)[^)#\s]*)", re.MULTILINE)
 LABEL = re.compile(r"^\[(`[^\]]+`)\]: (\S+)$", re.MULTILINE)
 SHORTCUT = re.compile(r"\[(`[^\]]+`)\](?![:(\[])")
 LANGUAGES = {".py": "python", ".toml": "toml", ".yml": "yaml", ".json": "json", ".md": "markdown", "": "makefile"}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the changelog, the tour, and a page for every source file that a page links to."""
-    files.append(File.generated(config, "changelog.md", content=(ROOT / "CHANGELOG.md").read_text(encoding="utf-8")))
+    """Add the pages of `PAGES`, and one for every source file that a page links to."""
+    for source in ("CHANGELOG.md", "CONTRIBUTING.md"):
+        files.append(File.generated(config, PAGES[source], content=(ROOT / source).read_text(encoding="utf-8")))
     text, pictures = notebook_page(json.loads(NOTEBOOK.read_text(encoding="utf-8")))
     files.append(File.generated(config, "tour.md", content=text))
     for name, picture in pictures.items():

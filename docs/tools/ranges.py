@@ -1,23 +1,23 @@
-"""Write the table of permitted ranges in `docs/ranges.md`: ``python -m docs.tools.ranges``."""
+"""Write the tables of fields with their ranges: ``python -m docs.tools.ranges``."""
 
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
+from docs.tools.declarations import meanings
 from experiments.pages import fill
 from quadpend_gym import Limits, Reference, ReferenceSettings, RewardWeights, StartSettings
 from quadpend_gym.actuators import KINDS as ACTUATORS
-from quadpend_gym.core.settings import declared
+from quadpend_gym.core.settings import Range, declared
 from quadpend_gym.randomization import Around, LoopRanges
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import Channel
 from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
 from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Simulation, Vehicle
 from quadpend_gym.wind import KINDS as WINDS
-from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
 
-PAGE = Path(__file__).parents[1] / "ranges.md"
+PAGE = Path(__file__).parents[1] / "reference/ranges.md"
 GROUPS: dict[str, tuple[type[Any], ...]] = {
     "simulation": (Simulation, Around, LoopRanges),
     "task": (ReferenceSettings, StartSettings, Limits, RewardWeights, Reference, Waypoints, Sinusoids, SinusoidTerm),
@@ -25,7 +25,6 @@ GROUPS: dict[str, tuple[type[Any], ...]] = {
     "wind": tuple(WINDS.values()),
     "sensors": (Channel, *SENSORS.values()),
     "actuators": tuple(ACTUATORS.values()),
-    "training": (TrainSettings, HybridSettings, ApgSettings),
 }
 
 
@@ -44,16 +43,21 @@ def _value(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
+def limits(bounds: Range) -> str:
+    """Return a range without its unit."""
+    return f"{_number(bounds.low)} to {_number(bounds.high)}"
+
+
 def _rows(kind: type[Any]) -> Iterator[str]:
-    items = {item.name: item for item in fields(kind)}
+    items, texts = {item.name: item for item in fields(kind)}, meanings(kind)
     for name, _, bounds in declared(kind):
-        limits = f"{_number(bounds.low)} to {_number(bounds.high)}"
-        yield f"| `{kind.__name__}.{name}` | {bounds.unit or '1'} | {limits} | {_default(items[name])} |"
+        cells = [bounds.unit or "1", limits(bounds), _default(items[name]), texts[name]]
+        yield f"| `{kind.__name__}.{name}` | {' | '.join(cells)} |"
 
 
 def tables() -> dict[str, str]:
     """Return the generated tables of the page by name."""
-    head = ["| field | unit | range | default |", "|---|---|---|---|"]
+    head = ["| field | unit | range | default | meaning |", "|---|---|---|---|---|"]
     return {name: "\n".join([*head, *(row for kind in kinds for row in _rows(kind))]) for name, kinds in GROUPS.items()}
 
 

@@ -1,19 +1,19 @@
-"""Write the tables of training settings and of presets in `docs/training.md`: ``python -m docs.tools.settings``."""
+"""Write the tables of training settings and of presets: ``python -m docs.tools.settings``."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
-import griffe
-
+from docs.tools.declarations import meanings
+from docs.tools.ranges import limits
 from experiments.pages import fill
 from quadpend_gym.core.files import read_mapping
+from quadpend_gym.core.settings import declared
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import settings as module
 from quadpend_train.training.settings import PRESETS, ApgSettings, HybridSettings, TrainSettings
 
-PAGE = Path(__file__).parents[1] / "training.md"
+PAGE = Path(__file__).parents[1] / "reference/settings.md"
 GROUPS = {
     "settings": TrainSettings,
     "hybrid": HybridSettings,
@@ -21,20 +21,15 @@ GROUPS = {
 }
 
 
-def settings_of(kind: type) -> Iterator[tuple[str, str, str]]:
-    """Yield name, default value as JSON, and description of each field; a nested table has no value here."""
-    attributes = griffe.load(kind.__module__)[kind.__name__].attributes
-    for name, value in vars(kind()).items():
-        if name == "arguments":  # in files the table of the algorithm
-            continue
-        default = "" if hasattr(value, "__dataclass_fields__") else f"`{json.dumps(value)}`"
-        yield name, default, " ".join(attributes[name].docstring.value.split())
-
-
 def settings_table(kind: type) -> str:
-    """Return the table of a settings class."""
-    rows = [f"| `{name}` | {default} | {text} |" for name, default, text in settings_of(kind)]
-    return "\n".join(["| setting | default | meaning |", "|---|---|---|", *rows])
+    """Return the table of a settings class: name, default value as JSON, range and meaning."""
+    ranges, texts = {name: limits(bounds) for name, _, bounds in declared(kind)}, meanings(kind)
+    rows = []
+    for name, value in vars(kind()).items():
+        if name != "arguments":  # in files the table of the algorithm
+            default = "" if hasattr(value, "__dataclass_fields__") else f"`{json.dumps(value)}`"
+            rows.append(f"| `{name}` | {default} | {ranges.get(name, '')} | {texts[name]} |")
+    return "\n".join(["| setting | default | range | meaning |", "|---|---|---|---|", *rows])
 
 
 def presets_table() -> str:

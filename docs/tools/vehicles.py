@@ -1,4 +1,4 @@
-"""Draw the picture of `docs/vehicles.md` and write its tables: ``python -m docs.tools.vehicles``."""
+"""Draw the picture of `docs/vehicles.md` and write the tables of vehicles: ``python -m docs.tools.vehicles``."""
 
 import math
 from pathlib import Path
@@ -7,7 +7,7 @@ from experiments.pages import fill
 from quadpend_gym.vehicles import POLES, VEHICLES, Vehicle
 
 DOCS = Path(__file__).parents[1]
-PICTURE, PAGE = DOCS / "vehicles.svg", DOCS / "vehicles.md"
+PICTURE, PAGE = DOCS / "vehicles.svg", DOCS / "reference/vehicles.md"
 INK, GREY, FRONT, POLE, AXIS = "#1f2329", "#8a8f98", "#c98a00", "#b8420f", "#2b5fb8"
 RADIUS = 34.0  # pixels, of a rotor
 

@@ -1,4 +1,4 @@
-"""The structure of the code: imports point one way, heavy libraries load late, and a wheel has three packages."""
+"""The structure of the code: imports point one way, and heavy libraries load late."""
 
 import ast
 import subprocess
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from quadpend_gym.core.files import read_toml
 from tests.helpers.sources import HEAVY, ROOT
 
 FOLDERS = {  # each package imports only from those before it
@@ -82,14 +81,3 @@ def test_importing_the_environment_loads_no_heavy_library() -> None:
     code = "import sys, quadpend_gym, quadpend_gym.wrappers; print(*sys.modules)"
     ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert not HEAVY & set(ran.stdout.split())
-
-
-def test_a_wheel_has_the_three_packages_with_their_data() -> None:
-    settings = read_toml(ROOT / "pyproject.toml")["tool"]["setuptools"]
-    find = settings["packages"]["find"]
-    found = [path.name for folder in find["where"] for name in find["include"] for path in (ROOT / folder).glob(name)]
-    assert sorted(name for name in found if "." not in name) == sorted(PACKAGES)
-    assert all((path.parent / "__init__.py").exists() for path in MODULES.values())
-    files = [path for folder in FOLDERS.values() for path in folder.rglob("*") if "__pycache__" not in path.parts]
-    data = {path for path in files if path.is_file() and path.suffix != ".py"}
-    assert not [path for path in data if not any(path.match(name) for name in settings["package-data"]["*"])]

@@ -15,7 +15,7 @@ from tests.helpers.sources import ROOT
 PROJECT = read_toml(ROOT / "pyproject.toml")["project"]
 OWN = ("quadpend_gym", "quadpend_baselines", "quadpend_train", "benchmarks", "experiments", "tests", "docs")
 # Modules whose distribution has another name, where `packages_distributions` does not know it on every Python.
-KNOWN = {**packages_distributions(), "tomli": ["tomli"], "griffe": ["mkdocstrings"], "pydantic_core": ["pydantic"]}
+KNOWN = {**packages_distributions(), "tomli": ["tomli"], "pydantic_core": ["pydantic"]}
 # Extras that the code of a folder may import, beside the dependencies of the package.
 EXTRAS = {
     "quadpend_gym": ("view", "mpc"),

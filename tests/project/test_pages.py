@@ -18,7 +18,7 @@ from tests.helpers.envs import IDS
 from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # Modules on the pages, and the packages that they need and that the extras of the tests do not install
 OPTIONAL = {
     "minari": ("minari", "h5py"),

@@ -413,7 +413,8 @@ class ADRC(Controller):
     Args:
         gains: A name in `ADRC_GAINS` (``"paper"``, ``"matched"``, …), an `AdrcGains`, or a function that returns them
             for a nominal simulation.
-        simulation, loop: As of `Controller`.
+        simulation: As of `Controller`.
+        loop: As of `Controller`.
     """
 
     gains: AdrcGains

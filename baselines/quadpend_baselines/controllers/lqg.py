@@ -44,7 +44,7 @@ from quadpend_baselines.modelling.linear_model import (
 )
 from quadpend_baselines.modelling.quantities import calm, turn3
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.core.packing import pack, unpacker
@@ -134,11 +134,15 @@ class Lqg:
 
     def command(self, estimate: Estimate, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
         """Return the actions of equation (1), shape (n, 4), which can exceed [−1, 1]; the memory stays empty."""
-        packed, packed_rigid, feedback = self._numbers
-        rows, plant = len(estimate.array), plant_of(self.simulation)
-        far, command, desired = np.empty((rows, 4)), np.empty((rows, 4)), np.empty((rows, RIGID_SIZE))
-        x, share = np.empty((rows, feedback.shape[1])), np.empty((rows, 1))
-        _deviations(estimate.array, packed, packed_rigid, (far, command, desired, x, share))
-        by_flatness = plant.actions_for(far, estimate.rigid)
-        following = plant.actions_for(command, desired)
-        return by_flatness + share * (following - x @ feedback.T - by_flatness), memory
+        by_flatness, following, x, share = evaluate(self, estimate)
+        return by_flatness + share * (following - x @ self._numbers[2].T - by_flatness), memory
+
+
+def evaluate(law: Lqg, estimate: Estimate) -> tuple[Floats32, Floats32, Floats, Floats]:
+    """Return a_far, a_d, z and s of n rows, shapes (n, 4), (n, 4), (n, 28) and (n, 1)."""
+    packed, packed_rigid, feedback = law._numbers
+    rows, plant = len(estimate.array), plant_of(law.simulation)
+    far, command, desired = np.empty((rows, 4)), np.empty((rows, 4)), np.empty((rows, RIGID_SIZE))
+    x, share = np.empty((rows, feedback.shape[1])), np.empty((rows, 1))
+    _deviations(estimate.array, packed, packed_rigid, (far, command, desired, x, share))
+    return plant.actions_for(far, estimate.rigid), plant.actions_for(command, desired), x, share

@@ -92,11 +92,7 @@ class OutputFeedback(Controller):
         """Return the actions of n rows, shape (n, 4), and the memory; `options` are passed on to the control law."""
         prediction = self.estimator.prediction
         estimate = prediction.carry_forward(estimation.estimate, estimation.action)
-        nominal = estimate
-        if self.gains.estimator.mass_time:
-            # A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
-            nominal = Estimate(estimate.array.copy())
-            nominal.disturbance[:, :TORQUE] /= estimate.mass_ratio
+        nominal = self._nominal(estimate)
         command, law_memory = self._law.command(nominal, estimation.law_memory, **options)
         mass_ratio = estimate.mass_ratio[:, 0]
         if isinstance(self._law, Lqg | Nmpc):  # their commands are actions, of which a zero thrust is that of hover
@@ -108,6 +104,17 @@ class OutputFeedback(Controller):
             wanted = to_action(command, self.simulation, estimate.rigid)
         action = prediction.compensate(wanted, estimate.array)
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
+
+    def _nominal(self, estimate: Estimate) -> Estimate:
+        """Return the estimate with the forces under which the nominal vehicle moves alike.
+
+        A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
+        """
+        if not self.gains.estimator.mass_time:
+            return estimate
+        nominal = Estimate(estimate.array.copy())
+        nominal.disturbance[:, :TORQUE] /= estimate.mass_ratio
+        return nominal
 
     def estimated_disturbance(self, memory: OutputFeedbackMemory) -> Floats:
         """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
@@ -126,6 +133,10 @@ class OutputFeedback(Controller):
         """Return the observation of the state at the time when the next action acts, shape (n, 36)."""
         later = self.estimator.prediction.carry_forward(memory.estimate, memory.action)
         return observation_of(later, self.simulation.parameters.rod_length)
+
+    def predicted_estimate(self, memory: OutputFeedbackMemory) -> Estimate:
+        """Return the estimate at the time when the next action acts, with the forces on the nominal vehicle."""
+        return self._nominal(self.estimator.prediction.carry_forward(memory.estimate, memory.action))
 
     def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""

@@ -25,6 +25,9 @@ The policy's observation contains, in this order,
 | the estimated disturbance, with the layout of ``info["disturbance"]``                   | 9        | 1 N, 1 N·m |
 | the action of the base controller; with `ResidualAction` only                           | 4        | 1          |
 | the situation, see `situation`; with ``EstimateOnly(situation=True)`` only              | 12       | its own    |
+| filtered innovations, see `innovations`; with ``EstimateOnly(innovations=True)`` only   | 32       | its own    |
+
+With ``EstimateOnly(deviations=True)`` the inputs of `deviations` take the place of the first two parts.
 
 `ResidualAction` and `BandwidthScheduling` multiply the part of the observation that depends on the state, and the base
 controller's action, by ten, because the base controller keeps these values small.
@@ -37,8 +40,17 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 
 from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.hybrid.deviations import DEVIATION_SIZE, deviation_inputs
+from quadpend_baselines.hybrid.innovations import (
+    FILTERED_SIZE,
+    INNOVATIONS_SIZE,
+    filter_shares,
+    innovation_inputs,
+    last_filtered,
+)
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_baselines.registry import controller
 from quadpend_gym import Simulation
@@ -61,6 +73,7 @@ class HybridMemory(NamedTuple):
     base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
     anomaly_score: Floats  # q of equation (4), (n,); zeros with `EstimateOnly`
     situation: Any = ()  # `Situation`; empty for hybrids that do not observe it
+    filtered: Any = ()  # f of `innovations`; empty for hybrids that do not observe it
 
 
 class Hybrid:
@@ -148,28 +161,44 @@ class EstimateOnly(Hybrid):
     kind: ClassVar[str] = "estimate_only"
     base_controller: Any = "adrc-matched"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
     situation: bool = False  # whether the policy observes the situation, which needs a Kalman observer
+    deviations: bool = False  # whether it observes deviations from the reference's trajectory, which needs lqg
+    innovations: bool = False  # whether it observes filtered innovations, which need a Kalman observer
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.situation and not isinstance(self.controller, OutputFeedback):
-            raise ValueError(f"situation needs a base_controller with a Kalman observer, not {self.base_controller!r}")
+        if self.deviations and not isinstance(getattr(self.controller, "_law", None), Lqg):
+            raise ValueError(f"deviations needs the base_controller lqg, not {self.base_controller!r}")
+        if (self.situation or self.innovations) and not isinstance(self.controller, OutputFeedback):
+            raise ValueError(
+                f"situation and innovations need a base_controller with a Kalman observer, not {self.base_controller!r}"
+            )
 
     def observation_size(self, size: int) -> int:
         """Return the size of the policy's observation; see `Hybrid.observation_size`."""
-        return super().observation_size(size) + self.situation * SITUATION_SIZE
+        known = DEVIATION_SIZE if self.deviations else super().observation_size(size)
+        return known + self.situation * SITUATION_SIZE + self.innovations * INNOVATIONS_SIZE
 
     def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
-        known = base.predicted_observation(updated) if isinstance(base, OutputFeedback) else observation
-        disturbance, situation = base.estimated_disturbance(updated), None
-        observed: list[Any] = [known, disturbance]
+        disturbance, rows, started = base.estimated_disturbance(updated), len(observation), episode_start
+        situation: Any = ()
+        filtered: Any = ()
+        if self.deviations:
+            observed: list[Any] = [deviation_inputs(base._law, base.predicted_estimate(updated))]
+        else:
+            known = base.predicted_observation(updated) if isinstance(base, OutputFeedback) else observation
+            observed = [known, disturbance]
         if self.situation:
             last, innovation = None if memory is None else memory.situation, updated.estimate.innovation
-            situation = update_situation(last, episode_start, innovation, disturbance, base.simulation.period)
+            situation = update_situation(last, started, innovation, disturbance, base.simulation.period)
             observed.append(situation_inputs(situation))
+        if self.innovations:
+            last = last_filtered(None if memory is None else memory.filtered, started, rows)
+            observed.append(innovation_inputs(updated.estimate, last, filter_shares(base.simulation.period)))
+            filtered = observed[-1][:, -FILTERED_SIZE:]
         seen = np.concatenate(observed, axis=1, dtype=np.float32)
-        return seen, HybridMemory(updated, action, np.zeros(len(observation)), situation or ())
+        return seen, HybridMemory(updated, action, np.zeros(rows), situation, filtered)
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action, which only imitation needs; see `Hybrid.base_action`."""

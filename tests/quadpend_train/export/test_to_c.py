@@ -11,9 +11,11 @@ import pytest
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import Scenario, find_scenarios
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_train import run_episodes
 from quadpend_train.policies.compiled import SAMPLE_SIZE, CPolicy
 from quadpend_train.policies.loading import load_policy
+from tests.helpers.policies import mlp_policy
 
 pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
 if which("cc") is None:
@@ -31,7 +33,7 @@ def scenario(name: str, **parts: Any) -> Scenario:
     return replace(find_scenarios([name])[name], output_feedback=True, **parts)
 
 
-POLICIES = {"lqg": scenario("flight_breeze"), "ppo-hummingbird-0": scenario("hummingbird_calm")}
+POLICIES = {name: scenario("flight_breeze") for name in ("lqg", "apg-flight-0")}
 
 
 @pytest.fixture(scope="module", params=POLICIES)
@@ -49,6 +51,12 @@ def name_of(source: Path) -> str:
 @pytest.mark.parametrize("flags", [(), (DOUBLE, NO_LIBM, *SANITIZERS)], ids=["float", "double"])
 def test_golden_vectors_pass_without_warnings(exported: Path, flags: tuple[str, ...]) -> None:
     assert check(exported, *flags).startswith("passed")
+
+
+def test_a_network_without_observer_gets_rates_from_differences(tmp_path: Path) -> None:
+    source = tmp_path / "policy.c"
+    export_c(mlp_policy(OBSERVATION_SIZE), "network", scenario("windy"), source)
+    assert check(source).startswith("passed")
 
 
 def vectors(source: Path) -> Floats:

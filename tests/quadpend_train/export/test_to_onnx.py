@@ -24,7 +24,7 @@ def network() -> MlpPolicy:
     return MlpPolicy(layers, {"format": FORMAT, **PLAIN_INTERFACE, **card, "normalization": normalization})
 
 
-@pytest.mark.parametrize("name", ["ppo-hummingbird-0", ""])
+@pytest.mark.parametrize("name", ["ppo-swing-up-0", ""])
 def test_a_session_returns_the_actions_of_the_policy(name: str, tmp_path: Path) -> None:
     runtime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
     policy, path = load_policy(name) if name else network(), tmp_path / "policy.onnx"

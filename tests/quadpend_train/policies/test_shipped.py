@@ -13,8 +13,8 @@ from quadpend_train.training.settings import read_settings, settings_of_card, to
 from quadpend_train.training.train import CARD_SEED
 
 SEEDS = {  # number of training seeds of each learned policy
-    **dict.fromkeys(("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling", "ppo-hummingbird", "sac-hummingbird"), 5),
-    **dict.fromkeys(("ppo-swing-up", "sac-swing-up", "ppo-flight"), 5),
+    **dict.fromkeys(("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling"), 5),
+    **dict.fromkeys(("ppo-swing-up", "sac-swing-up", "ppo-flight", "apg-flight"), 5),
     **dict.fromkeys(("ppo-load", "sac-load", "ppo-recovery", "sac-recovery", "ppo-agile", "sac-agile"), 1),
 }
 FILES = sorted(SHIPPED.glob("*.npz"))

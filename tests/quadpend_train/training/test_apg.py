@@ -15,9 +15,10 @@ from quadpend_gym import OBSERVATION_FIELDS, RewardWeights
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START
 from quadpend_train.training.algorithms import load_model, make_model
-from quadpend_train.training.environment import make_env
+from quadpend_train.training.environment import hybrid_wrappers, make_env
 from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
 from tests.helpers.bad_input import assert_refused
+from tests.helpers.deviations import linear_feedback as deviation_gain
 from tests.helpers.envs import assert_same
 from tests.helpers.training import train_policy, trained_arrays
 
@@ -107,7 +108,6 @@ WINDOWS: dict[str, dict[str, Any]] = {
     "paper": {"wind": "windy"},
     "paper, wrong and late": wrong_and_late(),
     "hummingbird, wrong and late": wrong_and_late(**HUMMINGBIRD),
-    "hummingbird, drawn loop": {**HUMMINGBIRD, **DRAWN, "wind": "windy"},
     "unknown delay": {"actuators": [{"kind": "action_delay", "steps": 2}], "loop_known": False},
     "noise, no velocities": {
         "task": {"trajectory": CURVE},
@@ -115,6 +115,10 @@ WINDOWS: dict[str, dict[str, Any]] = {
         "output_feedback": True,
     },
 }
+STARTS = "position", "velocity", "angle", "angle_rate", "direction", "direction_rate"
+# A drawn loop, along a curve, from its beginning, without velocities
+ON_CURVE = {"trajectory": CURVE, "start": dict.fromkeys(STARTS, 0.0)}
+DEVIATIONS = {**HUMMINGBIRD, **DRAWN, "task": ON_CURVE, "output_feedback": True, "wind": "breeze"}
 
 
 def linear_feedback(scenario: Scenario) -> Any:
@@ -126,19 +130,24 @@ def linear_feedback(scenario: Scenario) -> Any:
     return torch.as_tensor(ends[0] - ends[1])[:REFERENCE_START] / 2e-3
 
 
-@pytest.mark.parametrize("name", WINDOWS)
+@pytest.mark.parametrize("name", [*WINDOWS, "hummingbird, deviations"])
 def test_gradient_of_a_window_points_along_finite_differences(name: str) -> None:
-    """For all weights of a random network that is added to `flatness`, in random directions, with the observer in the
-    loop.
+    """For all weights of a random network that is added to `flatness` or `lqg`, in random directions, with the observer
+    in the loop.
 
     Small changes, since a window crosses a kink where an action or a rotor reaches its bounds, and since the feedback
     does not balance: the second derivative grows through the window.
     """
-    scenario, apg = WINDOWS[name], replace(BRIEF.apg, max_state_gradient=1e9, window=50)
-    settings = replace(BRIEF, scenarios=(json.dumps(scenario),), hybrid=HybridSettings("dual-mode", situation=True))
+    scenario, apg = WINDOWS.get(name, DEVIATIONS), replace(BRIEF.apg, max_state_gradient=1e9, window=50)
+    deviations = name not in WINDOWS
+    inputs = {"deviations": deviations, "innovations": deviations}
+    hybrid = HybridSettings("lqg" if deviations else "dual-mode", situation=True, **inputs)
+    settings = replace(BRIEF, scenarios=(json.dumps(scenario),), hybrid=hybrid)
     model, env = model_and_env(replace(settings, num_envs=4, max_episode_steps=50, apg=apg))
-    gain, network = linear_feedback(Scenario(**scenario)), model._mean_action
-    model._mean_action = lambda observation: network(observation) + observation[:, :REFERENCE_START] @ gain
+    law = hybrid_wrappers(env.env)[0].hybrid.controller._law
+    gain = torch.as_tensor(deviation_gain(law)).float() if deviations else linear_feedback(Scenario(**scenario))
+    network = model._mean_action
+    model._mean_action = lambda observation: network(observation) + observation[:, : len(gain)] @ gain
     cost(model, env)
     assert model._falls == 0
     torch.autograd.backward(model._cost)

@@ -12,8 +12,6 @@
 """
 
 from collections.abc import Callable
-from functools import partial
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -35,6 +33,7 @@ from quadpend_baselines.hybrid.hybrids import (
     EstimateOnly,
     ResidualAction,
 )
+from quadpend_baselines.hybrid.innovations import FILTERED_SIZE
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares
 from quadpend_baselines.modelling.quantities import store_vectors
 from quadpend_gym import Simulation
@@ -54,6 +53,7 @@ from quadpend_gym.tasks.observation import (
     REFERENCE_START,
 )
 from quadpend_gym.vehicles import CONTROL_PERIOD
+from quadpend_train.common.lifted_inputs import deviations_of, innovations_of, lifted_plant
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
 _HIGHEST = 1e30  # in place of infinity in the limits of observers
@@ -92,11 +92,6 @@ def _observe(position: Any, quaternion: Any, direction: Any, derivatives: Any, y
     attitude = ca.vertcat(euler.x, euler.y, euler.z - yaw[0])
     observed = ca.vertcat(error, direction, attitude, derivatives[6:], yaw)
     return observed / OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS]
-
-
-def _plant(simulation: Simulation) -> Any:
-    plant: Any = plant_of(simulation)
-    return SimpleNamespace(actions_for=partial(lift(type(plant).actions_for), plant))
 
 
 def program(policy: Any, simulation: Simulation) -> Program:
@@ -179,6 +174,7 @@ def _observer(base: OutputFeedback) -> Program:
     def miss(memory: Any, observed: Any) -> dict[str, Any]:
         after = columns(memory)
         lift(store_vectors)(after, estimator.REFERENCE, 0, measured(observed)[2])
+        after[INNOVATION:RIGID_PART] = 0.0  # nothing was measured
         return {"next": vector(after)}
 
     functions["begin"] = _function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)
@@ -192,12 +188,12 @@ def _control(base: OutputFeedback, later: Any, law_memory: Any, **options: Any) 
     """Return action and memory of the law as vectors, as `OutputFeedback.control` does."""
     prediction, law, after = base.estimator.prediction, base._law, columns(later)
     _arrive(after, lift(estimator.unpack_loop)(prediction.numbers[0]))
-    ratio, nominal, plant = after[MASS_RATIO, 0], Estimate(after.T.copy()), _plant(base.simulation)
+    ratio, nominal, plant = after[MASS_RATIO, 0], Estimate(after.T.copy()), lifted_plant(base.simulation)
     if base.gains.estimator.mass_time:
         forces = nominal.disturbance[0, :TORQUE]
         forces[:] = [force / ratio for force in forces]
     memory = _row(law_memory) if isinstance(law, Lqr) else ()
-    command, memory = lift(type(law).command, {plant_of: _plant})(law, nominal, memory, **options)
+    command, memory = lift(type(law).command, {plant_of: lifted_plant})(law, nominal, memory, **options)
     if isinstance(law, Lqg):
         command[0, THRUST] = ratio * (1.0 + command[0, THRUST]) - 1.0
         wanted = columns([ca.fmin(ca.fmax(a, -1.0), 1.0) for a in command[0]])
@@ -226,9 +222,14 @@ def _with_law(observer: Program, base: OutputFeedback) -> Program:
 
 def _with_hybrid(observer: Program, hybrid: Any) -> Program:
     base: OutputFeedback = hybrid.controller
-    size, loop = _law_size(base), lift(estimator.unpack_loop)(base.estimator.prediction.numbers[0])
+    law_size, loop = _law_size(base), lift(estimator.unpack_loop)(base.estimator.prediction.numbers[0])
     length, hover = base.simulation.parameters.rod_length, base.simulation.parameters.hover_thrust
-    own = SITUATION_SIZE + DISTURBANCE_SIZE + 1 if isinstance(hybrid, EstimateOnly) else 1 + ACTION_SIZE
+    alone = isinstance(hybrid, EstimateOnly)
+    parts: Any = 1, ACTION_SIZE
+    if isinstance(hybrid, EstimateOnly):
+        situation, filtered_size = (SITUATION_SIZE, DISTURBANCE_SIZE), FILTERED_SIZE * hybrid.innovations
+        parts = *(size * hybrid.situation for size in situation), 1, filtered_size
+    own, starts = sum(parts), np.cumsum([0, *parts]).tolist()
 
     def disturbance_of(memory: Any) -> Any:
         disturbance = _row(memory)[:, estimator.DISTURBANCE : estimator.REFERENCE].copy()
@@ -238,20 +239,26 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
     def estimate_only(memory: Any, later: Any, extra: Any) -> dict[str, Any]:
         after, disturbance = columns(later), disturbance_of(memory)
         _arrive(after, loop)
-        seen = [vector(lift(estimator.observation_of)(Estimate(after.T), length)), vector(disturbance)]
+        if hybrid.deviations:
+            seen = [deviations_of(base._law, after, bool(base.gains.estimator.mass_time))]
+        else:
+            seen = [vector(lift(estimator.observation_of)(Estimate(after.T), length)), vector(disturbance)]
+        squares, last, steps, filtered = ca.vertsplit(extra[law_size:], starts)
         if hybrid.situation:
-            squares, last, steps = ca.vertsplit(extra[size:], [0, SITUATION_SIZE, own - 1, own])
             steps = steps + 1.0
             change = _row(ca.if_else(steps > 1.0, vector(disturbance) - last, 0.0))
             innovation = _row(memory)[:, INNOVATION:RIGID_PART]
             share = ca.fmax(1.0 / steps, base.simulation.period / 1.0)
             squares += share * (vector(mean_squares(innovation, disturbance, change)) - squares)
+            last = vector(disturbance)
             seen.append(ca.sqrt(squares))
-            extra = ca.vertcat(extra[:size], squares, vector(disturbance), steps)
-        return {"seen": ca.vertcat(*seen), "next_extra": extra}
+        if hybrid.innovations:
+            seen.append(innovations_of(columns(memory), filtered, base.simulation.period))
+            filtered = seen[-1][-FILTERED_SIZE:]
+        return {"seen": ca.vertcat(*seen), "next_extra": ca.vertcat(extra[:law_size], squares, last, steps, filtered)}
 
     def correction(memory: Any, later: Any, extra: Any) -> dict[str, Any]:
-        law_memory, (score, _) = extra[:size], ca.vertsplit(extra[size:], [0, 1, own])
+        law_memory, (score, _) = extra[:law_size], ca.vertsplit(extra[law_size:], starts)
         estimated = vector(lift(estimator.observation_of)(Estimate(_row(memory)), length))
         disturbance = vector(disturbance_of(memory))
         r = OBSERVATION_FIELDS["direction"].start
@@ -266,23 +273,23 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
         return {"seen": ca.vertcat(*seen), "next_extra": ca.vertcat(law_memory, score, action)}
 
     def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
-        if isinstance(hybrid, EstimateOnly):
+        if alone:
             return {"action": output, "next_extra": extra}
-        weighed = output / (1.0 + (hybrid.fallback_gain * extra[size]) ** 2)
+        weighed = output / (1.0 + (hybrid.fallback_gain * extra[law_size]) ** 2)
         if isinstance(hybrid, ResidualAction):
-            return {"action": extra[size + 1 :] + hybrid.action_scale * weighed, "next_extra": extra}
+            return {"action": extra[law_size + 1 :] + hybrid.action_scale * weighed, "next_extra": extra}
         scales = ca.exp(np.log(1.0 + hybrid.action_scale) * weighed)
-        action, _ = _control(base, later, extra[:size], bandwidth_scale=_row(scales))
+        action, _ = _control(base, later, extra[:law_size], bandwidth_scale=_row(scales))
         return {"action": action, "next_extra": extra}
 
-    inputs = estimate_only if isinstance(hybrid, EstimateOnly) else correction
-    sizes = {"memory": observer.memory, "later": observer.estimate, "extra": size + own}
+    inputs = estimate_only if alone else correction
+    sizes = {"memory": observer.memory, "later": observer.estimate, "extra": law_size + own}
     functions = {
         **observer.functions,
         "inputs": _function("inputs", inputs, **sizes),
         "law": _function("law", law, **sizes, output=ACTION_SIZE),
     }
-    return observer._replace(functions=functions, extra=size + own)
+    return observer._replace(functions=functions, extra=law_size + own)
 
 
 def _differences(simulation: Simulation) -> Program:
@@ -326,7 +333,7 @@ def _adrc(policy: ADRC) -> Program:
     size, bank = policy._estimate_size, np.minimum(policy._bank, _HIGHEST)
     packed_loop, packed_rigid = policy._prediction.numbers
     numbers = policy._packed, packed_loop, packed_rigid
-    total, plant, first = adrc.PLANT + 2 * size, _plant(policy.simulation), adrc.PLANT + size
+    total, plant, first = adrc.PLANT + 2 * size, lifted_plant(policy.simulation), adrc.PLANT + size
     loop = lift(estimator.unpack_loop)(packed_loop)
 
     def commands(memory: Any, later: Any = None, started: bool = False) -> tuple[Any, Any, Any, Any]:

@@ -5,9 +5,9 @@ the observer (`quadpend_baselines.estimation`), so that generated C has their sl
 
     (1)  y = x + n,   b ← g(b, a, y),   o = h(b, y)         n: error of the sensors, independent of the policy
 
-with the belief b: the estimate, which the prediction through known delays and lags belongs to, and the running mean
-squares of the situation. A delay of the sensors is known: the flight ends with the last states, the oldest first. What
-other base controllers than those with a Kalman observer estimate has no slope.
+with the belief b: the estimate, which the prediction through known delays and lags belongs to, the running mean squares
+of the situation, and the filtered innovations. A delay of the sensors is known: the flight ends with the last states,
+the oldest first. What other base controllers than those with a Kalman observer estimate has no slope.
 """
 
 from functools import lru_cache
@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.estimator import (
     AGE,
@@ -34,6 +35,7 @@ from quadpend_baselines.estimation.estimator import (
     measure,
     unpack_loop,
 )
+from quadpend_baselines.hybrid.innovations import FILTERED_SIZE
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares, new_share
 from quadpend_baselines.modelling.quantities import bob_offset, load_state
 from quadpend_gym import engines
@@ -50,6 +52,7 @@ from quadpend_gym.tasks.observation import (
     REFERENCE_START,
 )
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
+from quadpend_train.common.lifted_inputs import deviations_of, innovations_of
 
 _LEAST_SQUARE = 1e-8  # bounds the slope of a root mean square of the situation
 
@@ -60,6 +63,8 @@ class Observer(NamedTuple):
     estimator: Estimator | None  # None: the policy observes the measured state
     has_rates: bool  # whether the environment's observation has velocities
     situation: bool  # whether the policy observes it
+    innovations: bool  # whether it observes filtered innovations
+    law: Lqg | None  # the law of the deviations; None: it observes estimates
     size: int
 
     @classmethod
@@ -67,7 +72,10 @@ class Observer(NamedTuple):
         """Return the observer of a hybrid; None: there is no hybrid."""
         base = None if hybrid is None else hybrid.controller
         estimator = base.estimator if isinstance(base, OutputFeedback) else None
-        return cls(estimator, has_rates, estimator is not None and hybrid.situation, size)
+        if estimator is None:
+            return cls(None, has_rates, False, False, None, size)
+        law = hybrid.controller._law if hybrid.deviations else None
+        return cls(estimator, has_rates, hybrid.situation, hybrid.innovations, law, size)
 
     def values(self, memory: Any) -> tuple[Floats, Floats]:
         """Return the beliefs in the memory of a hybrid, and ε and the gains of the next step, both with n rows."""
@@ -76,10 +84,19 @@ class Observer(NamedTuple):
             return none, none
         estimate, situation, gains = memory.controller.estimate.array, memory.situation, _gains(self)
         sensing = gains.values[np.minimum(estimate[:, AGE].astype(np.int64), len(gains.values) - 1)]
-        if not self.situation:
-            return estimate, sensing
-        share = new_share(situation.steps + 1.0, self.estimator.simulation.period)
-        return np.hstack([situation.mean_square, situation.disturbance, estimate]), np.column_stack([share, sensing])
+        beliefs = [memory.filtered, estimate] if self.innovations else [estimate]
+        if self.situation:
+            beliefs = [situation.mean_square, situation.disturbance, *beliefs]
+            share = new_share(situation.steps + 1.0, self.estimator.simulation.period)
+            sensing = np.column_stack([share, sensing])
+        return np.hstack(beliefs), sensing
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Sizes of the parts of a belief: mean squares, last disturbance, filtered innovations and estimate."""
+        situation = SITUATION_SIZE * self.situation, DISTURBANCE_SIZE * self.situation
+        size = 0 if self.estimator is None else self.estimator.size
+        return *situation, FILTERED_SIZE * self.innovations, size
 
 
 class _Gains(NamedTuple):
@@ -128,12 +145,12 @@ def _estimated(observer: Observer, observed: Any, point: Any, action: Any) -> tu
     mass_share, packed_loop, packed_rigid = estimator.numbers
     loop, rigid = lift(unpack_loop)(packed_loop), None if packed_rigid is None else lift(unpack_rigid)(packed_rigid)
     rod_length, used = estimator.simulation.parameters.rod_length, _gains(observer).used
-    before, squares_size = SITUATION_SIZE + DISTURBANCE_SIZE if observer.situation else 0, SITUATION_SIZE
-    belief = ca.SX.sym("belief", before + estimator.size)
+    belief = ca.SX.sym("belief", sum(observer.sizes))
+    squares, last, filtered, estimate = ca.vertsplit(belief, np.cumsum([0, *observer.sizes]).tolist())
     sensing = ca.SX.sym("sensing", int(observer.situation) + int(used.sum()))
     gain = np.zeros(used.shape, object)
     gain[used] = ca.vertsplit(sensing[int(observer.situation) :])
-    memory, buffer, chosen = columns(belief[before:]), columns([], BUFFER_SIZE), Four(*ca.vertsplit(action))
+    memory, buffer, chosen = columns(estimate), columns([], BUFFER_SIZE), Four(*ca.vertsplit(action))
     measured, reference = lift(measure)(columns(observed), 0, observer.has_rates, rod_length)
     lift(advance)(memory, 0, chosen, 0, loop, rigid, buffer)
     p, has_rates = loop.plant.pendulum.vehicle, observer.has_rates
@@ -143,16 +160,21 @@ def _estimated(observer: Observer, observed: Any, point: Any, action: Any) -> tu
     later = memory.copy()
     if len(loop.parts) > 1:
         lift(carry_forward)(later, 0, chosen, loop, rigid, buffer)
-    state = lift(load_state)(later, STATE, 0)
-    errors = lift(bob_offset)(state, rod_length)
-    attitude = state.euler.x, state.euler.y, state.euler.z - later[YAW, 0]
-    fields = vector((*errors, state.direction, state.direction_rate, attitude, state.euler_rate))
-    seen = [fields / OBSERVATION_SCALE[:REFERENCE_START], ca.SX(OBSERVATION_SIZE - REFERENCE_START, 1), disturbance]
-    if not observer.situation:
-        return belief, sensing, vector(memory), seen
-    squares, last = belief[:squares_size], belief[squares_size:before]
-    innovation = memory[INNOVATION:RIGID_PART].T
-    new = mean_squares(innovation, columns(disturbance).T, columns(disturbance - last).T)
-    squares = squares + sensing[0] * (vector(new) - squares)
-    seen.append(ca.sqrt(ca.fmax(squares, _LEAST_SQUARE)))
-    return belief, sensing, ca.vertcat(squares, disturbance, vector(memory)), seen
+    if observer.law is not None:
+        seen = [deviations_of(observer.law, later, bool(estimator.gains.mass_time))]
+    else:
+        state = lift(load_state)(later, STATE, 0)
+        errors = lift(bob_offset)(state, rod_length)
+        attitude = state.euler.x, state.euler.y, state.euler.z - later[YAW, 0]
+        fields = vector((*errors, state.direction, state.direction_rate, attitude, state.euler_rate))
+        reference = ca.SX(OBSERVATION_SIZE - REFERENCE_START, 1)
+        seen = [fields / OBSERVATION_SCALE[:REFERENCE_START], reference, disturbance]
+    if observer.situation:
+        innovation = memory[INNOVATION:RIGID_PART].T
+        new = mean_squares(innovation, columns(disturbance).T, columns(disturbance - last).T)
+        squares, last = squares + sensing[0] * (vector(new) - squares), disturbance
+        seen.append(ca.sqrt(ca.fmax(squares, _LEAST_SQUARE)))
+    if observer.innovations:
+        seen.append(innovations_of(memory, filtered, estimator.simulation.period))
+        filtered = seen[-1][-FILTERED_SIZE:]
+    return belief, sensing, ca.vertcat(squares, last, filtered, vector(memory)), seen

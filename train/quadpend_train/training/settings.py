@@ -28,6 +28,7 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import arguments as sb3
 
 PRESETS = Path(__file__).with_name("presets")
+_INPUTS = "situation", "deviations", "innovations"
 
 
 @settings
@@ -41,6 +42,12 @@ class HybridSettings:
     is added to the base controller's action. bandwidth_scheduling: it scales the base controller's bandwidths."""
     situation: bool = False
     """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
+    estimate_only."""
+    deviations: bool = False
+    """Whether the policy observes, instead of the estimates, their deviations from the trajectory that follows the
+    reference, with estimate_only and the base controller lqg."""
+    innovations: bool = False
+    """Whether the policy also observes the innovations of the base controller's observer, filtered: a memory; with
     estimate_only."""
     action_scale: Annotated[float, Range(1e-6, 3.0)] = 1.0
     """Factor κ on the policy's action, with residual_action and bandwidth_scheduling."""
@@ -58,11 +65,12 @@ class HybridSettings:
 
     def __post_init__(self) -> None:
         alone = self.mode == "estimate_only"
-        observed, applied = self.situation or self.imitation_timesteps, self.action_repeat > 1 or self.fallback_gain
+        observed = any(getattr(self, name) for name in _INPUTS) or self.imitation_timesteps
+        applied = self.action_repeat > 1 or self.fallback_gain
         if not self.base_controller and (not alone or observed or applied or self.baseline_relative_reward):
             raise ValueError("a hybrid needs a base_controller")
         if observed and not alone:
-            raise ValueError("situation and imitation_timesteps need the mode 'estimate_only'")
+            raise ValueError("situation, deviations, innovations and imitation_timesteps need the mode 'estimate_only'")
         if applied and alone:
             raise ValueError("action_repeat and fallback_gain need another mode than 'estimate_only'")
         if self.failure_penalty and not self.baseline_relative_reward:
@@ -74,7 +82,7 @@ class HybridSettings:
             return None
         data = {"kind": self.mode, "base_controller": self.base_controller}
         if self.mode == "estimate_only":
-            return {**data, "situation": True} if self.situation else data
+            return data | {name: True for name in _INPUTS if getattr(self, name)}
         return {**data, "action_scale": self.action_scale, "fallback_gain": self.fallback_gain}
 
 

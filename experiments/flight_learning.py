@@ -1,0 +1,122 @@
+"""docs/learning.md: what learning adds on the flight benchmark, and what it costs.
+
+    python -m experiments.flight_learning --jobs 2      # 200 episodes in each scenario, seeds from 1000000
+
+The shipped seeds of `apg-flight` are compared with the classical controllers. Variants of the preset are trained in
+runs/flight-learning/, with less time and without memory. A training has as many timesteps as fit into its budget on an
+idle machine; the seconds are measured. A finished training is found in its folder, and an interrupted one goes on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.pages import CACHE, DOCS, fill, made_by, options
+from quadpend_train.evaluation.comparison import Comparison, compare
+from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
+from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair
+from quadpend_train.evaluation.ranking import multiple, survivors
+from quadpend_train.evaluation.statistics import mean
+from quadpend_train.evaluation.table import cells
+from quadpend_train.policies.loading import load_policies
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.training.settings import read_settings, to_mapping, with_values
+from quadpend_train.training.train import train_or_resume
+
+LEARNERS, OPPONENT = ("apg-flight", "ppo-flight"), "lqg"  # the classical controller that ranks first in training-flight
+CLASSICAL = "lqg", "dual-mode", "flatness", "adrc-matched", "lqi", "lqr"
+WITH_MEMORY = "apg-flight, 2 min"
+RUNS, SEEDS = Path("runs/flight-learning"), 3
+# Changed settings, and the factor on timesteps and imitation steps (at least 100,000), which take about this time
+VARIANTS: dict[str, tuple[dict[str, Any], float]] = {
+    "2 min": ({}, 0.15),
+    "2 min, without innovations and situation": ({"hybrid.situation": False, "hybrid.innovations": False}, 0.15),
+}
+
+
+def trained(name: str) -> list[MlpPolicy]:
+    """Return the policies of a variant of the preset `apg-flight`, which are trained once."""
+    (values, share), settings = VARIANTS[name], read_settings("apg-flight")
+    labels = max(round(share * settings.hybrid.imitation_timesteps), 100_000)
+    shorter = {"total_timesteps": round(share * settings.total_timesteps), "hybrid.imitation_timesteps": labels}
+    settings, policies = with_values(settings, shorter | values), []
+    for seed in range(SEEDS):
+        own, folder = replace(settings, seed=seed), RUNS / f"{name}-{seed}"
+        if not (folder / "policy.npz").is_file():
+            train_or_resume(own, folder)
+        policies.append(MlpPolicy.load(folder / "policy.npz"))
+        if policies[-1].card["settings"] != to_mapping(own):
+            raise ValueError(f"{folder} has other settings than {name}: delete it")
+    return policies
+
+
+def duel(found: Comparison) -> str:
+    """Return survival and error of the learners and their opponent in each scenario, and who wins, in Markdown."""
+    pairs, rows = [compare_pair(found.table, name, OPPONENT) for name in LEARNERS], []
+    values = cells(found.table)
+    for scenario in found.scenarios:
+        row = [scenario.removeprefix("flight_")]
+        for name in (OPPONENT, *LEARNERS):
+            error = multiple([survivors(values[scenario, name])], [1.0]).value
+            survival = found.summaries[scenario, name]["survival"].value
+            row.append(format_number(1e3 * error) + ("" if survival == 100.0 else f", {survival:.4g} %"))
+        rows.append([*row, *({1: "won", 0: "–", -1: "lost"}[pair.winners[scenario]] for pair in pairs)])
+    headings = [
+        "scenario",
+        *(f"{name} (mm)" for name in (OPPONENT, *LEARNERS)),
+        *(f"{name} against {OPPONENT}" for name in LEARNERS),
+    ]
+    return markdown_table(headings, rows) + "\n\n" + "\n".join(pair.sentence() for pair in pairs)
+
+
+def budgets(found: Comparison) -> str:
+    """Return survival, multiple and cost of trainings, in Markdown; the score is that of the flight benchmark."""
+    rows, values = [], cells(found.table)
+    for name, seeds in found.learners.items():
+        cards: Sequence[Any] = [getattr(policy, "card", None) for policy in seeds]
+        survival = found.table[found.table["policy"] == name].groupby("training_seed")["survived"].mean()
+        errors = [survivors(values[scenario, name]) for scenario in found.scenarios]
+        references = [found.references[scenario] for scenario in found.scenarios]
+        each = [multiple([error[i : i + 1] for error in errors], references).value for i in range(len(seeds))]
+        steps = cards[0]["steps"] + cards[0]["settings"]["hybrid"]["imitation_timesteps"]
+        spread = [" / ".join(map(format_number, np.percentile(x, [0, 50, 100]))) for x in (100.0 * survival, each)]
+        seconds = np.mean([card["seconds"] for card in cards])
+        rows.append([name, str(len(seeds)), f"{steps:,}", f"{seconds:.0f}", *spread])
+    headings = ["learner", "seeds", "timesteps", "seconds", "survival (%)", "multiple"]
+    return markdown_table(headings, rows)
+
+
+def memory(found: Comparison) -> str:
+    """Return survival and error with a model mismatch, and their difference from `WITH_MEMORY`, in Markdown."""
+    (scenario,), rows, values = found.scenarios, [], cells(found.table)
+    pairs = compare_all_pairs(found.table)
+    for name in found.policies:
+        error, row = multiple([survivors(values[scenario, name])], [1e-3]), ["–", "–"]
+        if name != WITH_MEMORY:
+            pair = pairs[WITH_MEMORY, name]
+            verdict = {1: "better", 0: "not distinguishable", -1: "worse"}[pair.winners[scenario]]
+            row = [format_interval(mean(-pair.differences[scenario])), verdict]
+        rows.append([name, format_interval(found.summaries[scenario, name]["survival"]), format_interval(error), *row])
+    headings = ["policy", "survival (%)", "error (mm)", "penalised RMSE, difference (mm)", f"{WITH_MEMORY} is"]
+    return markdown_table(headings, rows)
+
+
+def main() -> None:
+    """Train, fly, and write the tables of the page."""
+    given = options(__doc__, 200)
+    found: dict[str, Any] = {f"apg-flight, {name}": trained(name) for name in VARIANTS}
+    found |= {name: load_policies(name)[:SEEDS] for name in LEARNERS}
+    common = given.episodes, given.seed, CACHE
+    every = compare([OPPONENT, *LEARNERS], ["flight"], *common, jobs=given.jobs)
+    shorter = compare(found, ["flight"], *common, jobs=given.jobs)
+    late = compare(found | {name: name for name in CLASSICAL}, ["flight_unknown"], *common, jobs=given.jobs)
+    head = made_by("flight_learning", given.episodes, given.seed)
+    parts = {"duel": duel(every), "budgets": budgets(shorter), "memory": memory(late)}
+    fill(DOCS / "learning.md", {name: f"{head}\n\n{table}" for name, table in parts.items()})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""A wheel has the three packages with their data and nothing else, and is enough to fly a controller."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+from quadpend_gym import __version__
+from tests.helpers.sources import ROOT
+
+PACKAGES = {"quadpend_gym": ROOT, "quadpend_baselines": ROOT / "baselines", "quadpend_train": ROOT / "train"}
+PAGES = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel that is built from a copy of the repository."""
+    source = tmp_path_factory.mktemp("wheel") / "source"
+    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "runs"))
+    code = "from setuptools.build_meta import build_wheel; build_wheel('..')"
+    subprocess.run([sys.executable, "-c", code], cwd=source, capture_output=True, check=True)
+    (path,) = source.parent.glob("*.whl")
+    return path
+
+
+def test_a_wheel_has_the_files_of_the_three_packages_and_no_others(wheel: Path) -> None:
+    packed = set(ZipFile(wheel).namelist())
+    metadata = f"quadpend_gym-{__version__}.dist-info/"
+    files = [
+        path.relative_to(folder).as_posix()
+        for package, folder in PACKAGES.items()
+        for path in (folder / package).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    ]
+    assert {name for name in packed if not name.startswith(metadata)} == set(files)
+    assert {metadata + "licenses/LICENSE", metadata + "entry_points.txt"} < packed
+
+
+def test_the_same_version_stands_in_every_file() -> None:
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)[0] == __version__
+    pages = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert set(re.findall(r"quadpend_gym-([\d.]+)-py3", pages)) <= {__version__}
+
+
+@pytest.mark.extras
+def test_the_first_example_of_the_readme_runs_where_only_the_wheel_is_installed(wheel: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    python = tmp_path / "venv/bin/python"
+    example = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[0]
+    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
+    subprocess.run([python, "-I", "-m", "pip", "install", "--quiet", wheel], check=True)
+    code = f"{example}\nprint(quadpend_gym.__file__)"
+    ran = subprocess.run(
+        [python, "-I", "-c", code], cwd=tmp_path / "empty", capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert re.search(r"error after 10 s: \[.*\] mm\n" + re.escape(str(tmp_path / "venv")), ran.stdout)
