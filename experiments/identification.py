@@ -49,6 +49,7 @@ def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
     truth = {
         "thrust_coefficient": coefficient * factor(0.3),
         "torque_per_thrust": rotors.torque_per_thrust * factor(0.3),
+        "rotor_inertia": 0.002 * roll * factor(0.5),
         "inertia_roll": inertia[0],
         "inertia_pitch": inertia[1],
         "lag": 0.03 * factor(0.5),
@@ -70,6 +71,7 @@ def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
             torque_per_thrust=truth["torque_per_thrust"],
             lag_up=truth["lag"],
             lag_down=None,
+            inertia=truth["rotor_inertia"],
             thrust_coefficient=truth["thrust_coefficient"],
         ),
         drag=replace(

@@ -1,7 +1,7 @@
 """A log of the simulator's own: a vehicle without a pole flies the manoeuvre for identification.
 
-The manoeuvre lasts 60 s: slow and quick sinusoids along the three axes, up to about 3 m/s, and a yaw step of 60° every
-three seconds. A geometric controller commands the rotors 200 times per second.
+The manoeuvre lasts 60 s: slow and quick sinusoids along the three axes, up to about 3 m/s, and a yaw step of 60° in
+0.2 s every three seconds. A geometric controller commands the rotors 200 times per second.
 """
 
 from dataclasses import dataclass, replace
@@ -13,13 +13,14 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.plants import RigidPlant
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST, advance_rigid
 from quadpend_gym.physics.rigid_settings import pack_rigid
-from quadpend_gym.physics.state import STATE_SIZE, State
+from quadpend_gym.physics.state import STATE_SIZE, TORQUE, State
 from quadpend_gym.vehicles import RateLoop, Simulation, Vehicle, hover_thrusts, mixing, rotors_of
 from quadpend_train.flights.flight_log import FlightLog, smoothed_derivative
-from quadpend_train.flights.replay import without_pole
+from quadpend_train.flights.replay import spin_up_torque, without_pole
 
 DURATION, _CONTROL = 60.0, 0.005  # s
 _AMPLITUDES = np.array([[1.5, 1.2, 0.5], [0.15, 0.15, 0.12]])  # m: slow and quick
+_TURN_TIMES, _TURN_ANGLES = (0.0, 0.2, 3.0, 3.2, 6.0), np.radians([0.0, 60.0, 60.0, 0.0, 0.0])  # s, rad
 _FREQUENCIES = 2.0 * np.pi * np.array([[0.20, 0.23, 0.17], [0.7, 0.8, 0.9]])  # rad/s
 
 
@@ -41,7 +42,7 @@ def manoeuvre(time: float) -> tuple[Floats, Floats, Floats, float]:
     values = (_AMPLITUDES * np.sin(phase)).sum(axis=0)
     first = (_AMPLITUDES * _FREQUENCIES * np.cos(phase)).sum(axis=0)
     second = -(_AMPLITUDES * _FREQUENCIES**2 * np.sin(phase)).sum(axis=0)
-    return values, first, second, np.radians(60.0) * ((time // 3.0) % 2.0)
+    return values, first, second, float(np.interp(time % 6.0, _TURN_TIMES, _TURN_ANGLES))
 
 
 def simulated_log(vehicle: Vehicle, seed: int, noise: Noise | None = None, duration: float = DURATION) -> FlightLog:
@@ -59,7 +60,7 @@ def simulated_log(vehicle: Vehicle, seed: int, noise: Noise | None = None, durat
     view = State(state)
     view.direction[:, 2] = 1.0
     view.velocity[:] = manoeuvre(0.0)[1]
-    memory, still, packed = plant.initial_memory(state), np.zeros((1, 9)), pack_rigid(plant.simulation)
+    memory, disturbance, packed = plant.initial_memory(state), np.zeros((1, 9)), pack_rigid(plant.simulation)
     parameters = plant.simulation.parameters.as_array()[np.newaxis]
     steps = round(duration / _CONTROL)
     flown, commands = np.empty((steps, 13)), np.empty((steps, 4))
@@ -81,7 +82,8 @@ def simulated_log(vehicle: Vehicle, seed: int, noise: Noise | None = None, durat
         commands[step] = (unmix @ wrench).clip(low, high)
         gap = commands[step] - hover
         action = np.where(gap > 0.0, gap / (high - hover), gap / (hover - low))
-        advance_rigid(state, memory, action[None], action[None], still, parameters, packed, _CONTROL, 1, 0)
+        disturbance[:, TORQUE:] = spin_up_torque(memory, commands[step], rotors, rotors.thrust_coefficient, _CONTROL)
+        advance_rigid(state, memory, action[None], action[None], disturbance, parameters, packed, _CONTROL, 1, 0)
     every = round(1.0 / (noise.rate_of_log * _CONTROL))
     late = round(noise.delay / _CONTROL)
     motion, motors = flown[: steps - late : every], np.sqrt(commands[late::every] / rotors.thrust_coefficient)
@@ -98,6 +100,7 @@ def simulated_log(vehicle: Vehicle, seed: int, noise: Noise | None = None, durat
         motion[:, 10:] + noise.rate * random.standard_normal((count, 3)),
         motors * (1.0 + noise.motors * random.standard_normal((count, 4))),
         has_speeds=True,
+        measured=False,
         has_position=True,
         valid=np.ones(count, bool),
     )

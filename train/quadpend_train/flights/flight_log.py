@@ -40,6 +40,7 @@ class Columns:
     time_unit: Literal["s", "ms", "us", "ns"] = "s"
     # speeds, thrusts in N, or "1": commands in [0, 1] whose square is proportional to the thrust
     motor_unit: Literal["rad/s", "rpm", "100 rpm", "N", "1"] = "rad/s"
+    measured: bool = False  # measured speeds, not commanded ones: the thrust does not lag behind them
     poles: Annotated[int, Range(1, 100)] = 1  # pairs of poles of a motor: electrical revolutions in each of its own
     # "up": z up, body x forward, y left; "down": z down, body x forward, y right, as in PX4
     frame: Literal["up", "down"] = "up"
@@ -67,6 +68,7 @@ class FlightLog:
         motors: Speeds of the rotors, rad/s, in the order of the vehicle; or numbers whose squares are proportional to
             the thrusts; shape (n, 4).
         has_speeds: Whether `motors` are speeds in rad/s.
+        measured: Whether `motors` are measured, so that the thrust does not lag behind them.
         has_position: Whether position and velocity are measured; otherwise they are zero.
         valid: Whether the log has samples around a time, shape (n,).
     """
@@ -79,6 +81,7 @@ class FlightLog:
     rate: Floats
     motors: Floats
     has_speeds: bool
+    measured: bool
     has_position: bool
     valid: Any
 
@@ -153,6 +156,7 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
         rate,
         np.sqrt(np.maximum(motors, 0.0)) if columns.motor_unit == "N" else motors,
         columns.motor_unit in ("rad/s", "rpm", "100 rpm"),
+        columns.measured,
         columns.position is not None,
         time[after] - time[after - 1] < _LONGEST_GAP * period,
     )

@@ -11,6 +11,7 @@ Mass, gravity and the geometry of the rotors are known. From motions and motor n
 | `thrust_coefficient`   | thrust per squared motor number: the mass times an acceleration                           |
 | `inertia_roll`, `_pitch` | torque, which is arm times thrust, per angular acceleration                               |
 | `torque_per_thrust`    | only κ/I_z: the inertia of yaw is assumed, see below                                      |
+| `rotor_inertia`        | only J/I_z: the body turns against rotors that speed up                                   |
 | `lag`, `delay`         | first-order lag of the thrusts, and how much later than the motors the motion is logged   |
 | `drag_x`, `_y`, `_z`   | drag per velocity along the body axes                                                     |
 | `drag_height`          | torque of this drag per force: where it acts above the centre of mass                     |
@@ -21,7 +22,8 @@ The inertia of yaw keeps its ratio to the sum of the two others, which the start
 
 Intervals: 95 %, from the covariance of blocks of windows, H⁻¹ (Σ gᵦ gᵦᵀ) H⁻¹ with the gradient gᵦ of each block, the
 Hessian H = Jᵀ diag(ρ″) J of the loss ρ, and Student's t. Errors in neighbouring windows depend on each other, which H⁻¹
-alone leaves out. Noise of the motor numbers biases the fit, which the intervals leave out.
+alone leaves out. White noise of the motor numbers biases the fit: as much noise again, added to the log, moves the
+minimum by about this bias, in one Newton step. The bias is subtracted, and counts as a deviation.
 """
 
 from collections.abc import Sequence
@@ -44,7 +46,7 @@ TRAINING = 0.7  # share of each log for the fit; the rest is held out
 _HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 20  # s, s; times in a window at which errors count
 _BLOCKS = 30
 UNIDENTIFIED, _BLIND = 0.2, 1.0  # relative standard deviations; beyond the second, the value of the start is better
-_PASSES = 2  # fits, between which the errors are scaled anew
+_PASSES = (0.3, 1.0)  # share of each window in the first and in the second fit: far starts diverge in long windows
 _IGNORED = 1e9  # scale of errors that do not count
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
 
@@ -63,6 +65,7 @@ _SPEED, _TURN = "fast straight flight to all sides", "quick rolls and pitches to
 QUANTITIES = {
     "thrust_coefficient": Quantity("N per squared motor number", 0.3, 3.0, "climbs and descents"),
     "torque_per_thrust": Quantity("m", 0.1, 10.0, "yaw steps"),
+    "rotor_inertia": Quantity("kg·m²", 0.0, 10.0, "yaw steps"),
     "inertia_roll": Quantity("kg·m²", 0.1, 10.0, "quick rolls to both sides"),
     "inertia_pitch": Quantity("kg·m²", 0.1, 10.0, "quick pitches to both sides"),
     "lag": Quantity("s", 0.02, 5.0, _TURN),
@@ -76,7 +79,8 @@ QUANTITIES = {
     "centre_x": Quantity("m", -0.5, 0.5, "hover"),
     "centre_y": Quantity("m", -0.5, 0.5, "hover"),
 }
-_FROM_ZERO = ("delay", "drag_height", "centre_x", "centre_y")  # may be zero: their size is the scale of the precision
+_FROM_ZERO = ("delay", "drag_height", "centre_x", "centre_y")  # fits begin with zero
+_MAY_BE_ZERO = (*_FROM_ZERO, "lag")  # their size is the scale of the precision
 
 
 @dataclass(frozen=True)
@@ -121,8 +125,18 @@ class Identification:
 
     def sentences(self) -> list[str]:
         """Return what the logs do not show, with the manoeuvre that would."""
-        hidden = [name for name, found in self.estimates.items() if not found.identified]
-        return [f"{name} is not identified; fly {QUANTITIES[name].manoeuvre}" for name in hidden]
+        hidden, missing = (
+            [name for name, found in self.estimates.items() if not found.identified],
+            unseen(self.fitted[0]),
+        )
+        ways = {name: missing.get(name, f"fly {QUANTITIES[name].manoeuvre}") for name in hidden}
+        return [f"{name} is not identified; {way}" for name, way in ways.items()]
+
+
+def unseen(log: FlightLog) -> dict[str, str]:
+    """Return the quantities that no manoeuvre shows in this log, and what to log instead."""
+    lag = {"lag": "log the commanded speeds"} if log.measured else {}
+    return lag if log.has_speeds else lag | {"rotor_inertia": "log the speeds of the rotors"}
 
 
 def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINING) -> Identification:
@@ -137,16 +151,21 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
         check_log(log, start)
     fitted = [log.part(0.0, training) for log in logs]
     fit = _Fit([windows_of(log, _HORIZON, _STRIDE) for log in fitted], start)
-    values = fit.start
-    for _ in range(_PASSES):
+    missing = {name: fit.known[name] for name in unseen(logs[0])}
+    values, names = fit.start | missing, [name for name in QUANTITIES if name not in missing]
+    for share in _PASSES:
+        fit.cut(share)
         fit.scale(values)
-        values = fit.solve(values)
-    estimates = fit.estimates(values)
+        values = fit.solve(values, names)
+    estimates = fit.estimates(values, names)
     if hidden := [name for name, found in estimates.items() if found.blind and name != "delay"]:
         fixed = {name: fit.known[name] for name in hidden}  # again, with what the log does not show as in the start
-        values = fit.solve({**values, **fixed}, [name for name in values if name not in hidden])
-        shown = fit.estimates(values, [name for name in values if name not in hidden])
-        estimates = {name: shown.get(name, found) for name, found in estimates.items()}
+        names = [name for name in names if name not in hidden]
+        values = fit.solve({**values, **fixed}, names)
+        estimates |= fit.estimates(values, names)
+    nothing = {name: Estimate(name, value, np.inf, (-np.inf, np.inf), False, True) for name, value in missing.items()}
+    estimates = {name: (estimates | nothing)[name] for name in QUANTITIES}
+    values |= {name: found.value for name, found in estimates.items() if not found.blind}
     vehicle = replace(fit.vehicle(values), pole=start.pole, pivot=start.pivot, name="identified")
     held_out = [log.part(training, 1.0) for log in logs] if training < 1.0 else []
     return Identification(vehicle, values["thrust_coefficient"], values["delay"], estimates, fitted, held_out)
@@ -156,7 +175,8 @@ class _Fit:
     """The errors of a vehicle in the windows of logs as functions of the quantities."""
 
     def __init__(self, windows: Sequence[Windows], start: Vehicle) -> None:
-        self.windows, self.base = windows, without_pole(start)
+        self.whole, self.base = windows, without_pole(start)
+        self.cut(1.0)
         rotors, mass = rotors_of(start), start.mass
         arm = float(np.abs(np.array(rotors.positions)[:, :2]).max())
         coefficient = float(np.mean([hover_coefficient(each.log, mass, start.gravity) for each in windows]))
@@ -165,6 +185,7 @@ class _Fit:
         self.sizes = {
             "thrust_coefficient": coefficient,
             "torque_per_thrust": rotors.torque_per_thrust,
+            "rotor_inertia": 0.002 * roll,
             "inertia_roll": roll,
             "inertia_pitch": pitch,
             "lag": lag,
@@ -180,10 +201,15 @@ class _Fit:
         self.known = self.start | {"drag_x": x, "drag_y": y, "drag_z": z, "drag_height": start.drag.height}
         self.known |= {"thrust_coefficient": kept or coefficient, "lag": max(0.5 * sum(rotors.lags), 1e-4)}
         self.known |= {"angular_drag": start.drag.angular[0], "angular_drag_yaw": start.drag.angular[2]}
-        self.at = np.unique(np.linspace(0, windows[0].steps, _TIMES + 1).round().astype(int))
+        self.known |= {"rotor_inertia": rotors.inertia}
         self.scales: Any = 1.0
         self.slopes: Any = None  # of the errors by the starts of the windows, shape (w, 12, 12 times)
         self.gains: Any = None  # the starts that explain errors best, shape (w, 12, 12 times)
+
+    def cut(self, share: float) -> None:
+        """Count only the first part of each window from now on."""
+        self.windows = [replace(each, steps=max(1, round(share * each.steps))) for each in self.whole]
+        self.at = np.unique(np.linspace(0, self.windows[0].steps, _TIMES + 1).round().astype(int))
 
     def vehicle(self, values: dict[str, float]) -> Vehicle:
         """Return the vehicle with these values, with a nearly weightless pole."""
@@ -203,6 +229,7 @@ class _Fit:
                 torque_per_thrust=v["torque_per_thrust"],
                 lag_up=v["lag"],
                 lag_down=None,
+                inertia=v["rotor_inertia"] if log.has_speeds else rotors.inertia,
                 thrust=(0.0, max(most, 0.3 * base.weight)),
                 thrust_coefficient=v["thrust_coefficient"] if log.has_speeds else rotors.thrust_coefficient,
             ),
@@ -293,16 +320,38 @@ class _Fit:
         blocks = np.array([part.sum(axis=0) for part in np.array_split(gradients, count)])
         spread = inverse @ (blocks.T @ blocks) @ inverse * count / (count - 1.0)
         fisher = np.diag(inverse) * np.mean(weight * found**2)
-        deviations = np.sqrt(np.maximum(np.diag(spread), fisher))
+        biases = inverse @ (gradients.sum(axis=0) - self.noisy_gradient(values, names))
+        deviations = np.sqrt(np.maximum(np.diag(spread), fisher) + biases**2)
         reach, out = float(student.ppf(0.975, count - 1)), {}
-        for name, deviation in zip(names, deviations.tolist(), strict=True):
-            value, size, quantity = values[name], self.sizes[name], QUANTITIES[name]
-            d = deviation * size
-            at_bound = not quantity.low * 1.01 * size < value < quantity.high * 0.99 * size
-            share = d / max(abs(value), size if name in _FROM_ZERO else 0.0)
+        for name, deviation, bias in zip(names, deviations.tolist(), biases.tolist(), strict=True):
+            size, quantity = self.sizes[name], QUANTITIES[name]
+            low, high = quantity.low * size, quantity.high * size
+            value, d = min(max(values[name] - bias * size, low), high), deviation * size
+            at_bound = name != "lag" and not low * 1.01 < value < high * 0.99
+            share = d / max(abs(value), size if name in _MAY_BE_ZERO else 0.0)
             interval = value - reach * d, value + reach * d
             out[name] = Estimate(name, value, d, interval, share < UNIDENTIFIED and not at_bound, share > _BLIND)
         return out
+
+    def noisy_gradient(self, values: dict[str, float], names: Sequence[str]) -> Floats:
+        """Return the gradient of the loss in units of the sizes with more noise of the motors, as much as they have.
+
+        It is the mean of noise and its negative, in which what is linear in the noise vanishes.
+        """
+        random, kept, out = np.random.default_rng(0), self.windows, np.zeros(len(names))
+        noise = [motor_noise(each.log) * random.standard_normal(each.log.motors.shape) for each in kept]
+        for sign in (1.0, -1.0):
+            noisy = [replace(w.log, motors=w.log.motors + sign * a) for w, a in zip(kept, noise, strict=True)]
+            self.windows = [replace(w, log=log) for w, log in zip(kept, noisy, strict=True)]
+            found, slopes = self.errors(values), self.jacobian(values, names)
+            out += 0.5 * np.einsum("twci,twc->i", slopes, found * (1.0 + found**2) ** -0.5)
+        self.windows = kept
+        return out
+
+
+def motor_noise(log: FlightLog) -> float:
+    """Return the standard deviation of white noise of the motor numbers, from their fourth differences."""
+    return float(1.4826 * np.median(np.abs(np.diff(log.motors, 4, axis=0))) / np.sqrt(70.0))
 
 
 def check_log(log: FlightLog, vehicle: Vehicle) -> None:

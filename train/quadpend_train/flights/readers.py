@@ -26,6 +26,7 @@ BETAFLIGHT = Columns(
     motors=("eRPM[3]", "eRPM[2]", "eRPM[0]", "eRPM[1]"),
     time_unit="us",
     motor_unit="100 rpm",
+    measured=True,
     poles=7,
     frame="up",
 )

@@ -1,7 +1,8 @@
 """Replay of a flight log: the vehicle flies open loop from states of the log, under the motor commands of the log.
 
 A window begins with the logged position, velocity, attitude and body rate, and with the rotor thrusts that the commands
-before it have brought. All windows are one batch of the plant. The vehicle has no pole, unless it is asked for.
+before it have brought; thrusts do not lag behind measured speeds. All windows are one batch of the plant. The vehicle
+has no pole, unless it is asked for.
 """
 
 from dataclasses import dataclass, replace
@@ -14,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.plants import RigidPlant
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
-from quadpend_gym.physics.state import STATE_SIZE, State
-from quadpend_gym.vehicles import Pole, RateLoop, Simulation, Vehicle, hover_thrusts, rotors_of
+from quadpend_gym.physics.state import STATE_SIZE, TORQUE, State
+from quadpend_gym.vehicles import Pole, RateLoop, Rotors, Simulation, Vehicle, hover_thrusts, rotors_of
 from quadpend_train.flights.flight_log import FlightLog
 from quadpend_train.reports.figures import add_axes, add_legend, colour, line, new_figure, write_png
 
@@ -74,17 +75,22 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
         delay: Time by which the log of the motion is later than that of the motors, s.
         offset: Added to each start: position, velocity, attitude (rotation vector) and body rate, shape (12,).
     """
-    log, lags = windows.log, rotors_of(vehicle).lags
-    low, high = rotors_of(vehicle).thrust
+    log, rotors = windows.log, rotors_of(vehicle)
+    if log.measured:
+        rotors = replace(rotors, lag_up=0.0, lag_down=None)
+    low, high = rotors.thrust
     damping = float((np.array(vehicle.drag.angular) / np.diag(vehicle.inertia_matrix)).max())  # 1/s
     substeps = int(np.ceil(log.period * max(1.0 / _LONGEST_STEP, 1.01 * damping)))
-    slow = replace(vehicle, rate_loop=RateLoop(time_constant=1.0))  # it does not act here
+    slow = replace(vehicle, rotors=rotors, rate_loop=RateLoop(time_constant=1.0))  # it does not act here
     simulation = Simulation(vehicle=slow, interface="rotors", period=log.period, substeps=substeps)
     plant, hover = RigidPlant(simulation), hover_thrusts(slow)
-    # The command of a period is that of its middle.
-    times = np.arange(len(log)) + 0.5 - delay / log.period
-    speeds = np.column_stack([np.interp(times, np.arange(len(log)), motor) for motor in log.motors.T])
-    thrusts = np.clip(coefficient * speeds**2, low, high)
+    # The command of a period is the mean of the squared motor numbers in it, which are linear between samples.
+    shift, part = divmod(-delay / log.period, 1.0)
+    rows = np.arange(len(log)) + int(shift)
+    squares = (log.motors[(rows + i).clip(0, len(log) - 1)] ** 2 for i in range(3))
+    weights = 0.5 * (1.0 - part) ** 2, 0.5 + part * (1.0 - part), 0.5 * part**2
+    mean = sum(weight * square for weight, square in zip(weights, squares, strict=True))
+    thrusts = np.clip(coefficient * mean, low, high)
     actions = np.where(thrusts > hover, (thrusts - hover) / (high - hover), (thrusts - hover) / (hover - low))
 
     count = len(windows.first)
@@ -100,25 +106,51 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
         turned = log.rotation[windows.first] * Rotation.from_rotvec(offset[6:9])
         memory[:, QUATERNION:BODY_RATE] = turned.as_quat(scalar_first=True)
         memory[:, BODY_RATE:ROTOR_THRUST] += offset[9:]
-    memory[:, ROTOR_THRUST:] = _thrusts_at(windows.first, thrusts, lags, log.period)
-    still, parameters = np.zeros((count, 9)), np.tile(simulation.parameters.as_array(), (count, 1))
+    memory[:, ROTOR_THRUST:] = _thrusts_at(windows.first, thrusts, rotors.lags, log.period)
+    parameters = np.tile(simulation.parameters.as_array(), (count, 1))
     out = np.empty((windows.steps + 1, count, 13))
     for step in range(windows.steps + 1):
         out[step] = np.hstack([view.position, view.velocity, memory[:, :ROTOR_THRUST]])
         if step < windows.steps:
-            plant.advance(state, memory, actions[windows.first + step], still.copy(), parameters)
+            disturbance, at = np.zeros((count, 9)), windows.first + step
+            if log.has_speeds:
+                disturbance[:, TORQUE:] = spin_up_torque(memory, thrusts[at], rotors, coefficient, log.period)
+            plant.advance(state, memory, actions[at], disturbance, parameters)
     return out
+
+
+def spin_up_torque(memory: Any, wanted: Any, rotors: Rotors, coefficient: float, period: float) -> Any:
+    """Return the mean torque on the body over a period from the acceleration of the rotors, world frame, N·m.
+
+    It is J Σ sᵢ ω̇ᵢ about the body's z axis, which the plant leaves out; J is `Rotors.inertia`. Shape (w, 3).
+
+    Args:
+        memory: Memories of the plant at the start, shape (w, size).
+        wanted: Commanded thrusts, N, shape (w, 4).
+        rotors: The rotors.
+        coefficient: Thrust per squared speed, N·s²/rad².
+        period: The period, s.
+    """
+    now = memory[:, ROTOR_THRUST:]
+    gained = np.sqrt(_after(now, wanted, rotors.lags, period)) - np.sqrt(now)
+    torque = rotors.inertia / (np.sqrt(coefficient) * period) * gained @ np.array(rotors.spins)
+    w, x, y, z = memory[:, QUATERNION:BODY_RATE].T
+    return (torque * np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])).T
 
 
 def _thrusts_at(first: Any, thrusts: Any, lags: tuple[float, float], period: float) -> Any:
     """Return the thrusts of the rotors at the samples `first`, shape (w, 4), after `_WARM_UP` lags."""
     back = min(int(first[0]), int(np.ceil(_WARM_UP * max(lags) / period)))
-    up, down = (np.exp(-period / lag) if lag > 0.0 else 0.0 for lag in lags)
     now = thrusts[first - back]
     for step in range(back, 0, -1):
-        wanted = thrusts[first - step]
-        now = wanted + np.where(wanted > now, up, down) * (now - wanted)
+        now = _after(now, thrusts[first - step], lags, period)
     return now
+
+
+def _after(now: Any, wanted: Any, lags: tuple[float, float], period: float) -> Any:
+    """Return the thrusts after a period, with the lags of rise and fall."""
+    up, down = (np.exp(-period / lag) if lag > 0.0 else 0.0 for lag in lags)
+    return wanted + np.where(wanted > now, up, down) * (now - wanted)
 
 
 def errors(motion: Any, windows: Windows, steps: Any = slice(None)) -> Any:

@@ -1,6 +1,6 @@
 """The files of an identification: the vehicle with the source and interval of each number, and scenarios for training.
 
-The scenarios have calm air and two winds, and draw inertia, thrust and rotor lag for each episode: from the intervals
+The two scenarios have calm air and wind, and draw inertia, thrust and rotor lag for each episode: from the intervals
 of what the logs show, within ± 30 % of what they do not show.
 """
 
@@ -53,7 +53,7 @@ def vehicle_text(found: Identification, start: Vehicle) -> str:
         ("thrust", rotors.thrust, "highest: of the highest number of a motor in the logs"),
         ("torque_per_thrust", rotors.torque_per_thrust, f"{source('torque_per_thrust')}; with the yaw inertia above"),
         ("lag_up", rotors.lag_up, source("lag")),
-        ("inertia", rotors.inertia, given),
+        ("inertia", rotors.inertia, f"{source('rotor_inertia')}; with the yaw inertia above"),
         ("thrust_coefficient", rotors.thrust_coefficient, source("thrust_coefficient")),
         ("[drag]", None, ""),
         ("rotor", drag.rotor, source("drag_x", "drag_y", "drag_z")),
@@ -83,7 +83,7 @@ def training_text(found: Identification, path: Path) -> str:
     ranges = [f"{name} = {_around(value, shares[name])}" for name, value in zip(names, roll_pitch_yaw, strict=True)]
     loop = found.vehicle.rate_loop.time_constant / max(rotors_of(found.vehicle).lag_up, 1e-9)
     lag = min(1.0 + shares["lag"], 2.0 * loop)  # the rate loop must not be faster than half the lag
-    scenarios = [f'[scenarios.{path.stem}_{wind}]\nwind = "{wind}"\n' for wind in ("calm", "breeze", "windy")]
+    scenarios = [f'[scenarios.{path.stem}_{wind}]\nwind = "{wind}"\n' for wind in ("calm", "windy")]
     return "\n".join(
         [
             f"# Training on {path.name} and its uncertainty: quadpend train --scenarios {path.stem}-training.toml",
