@@ -30,6 +30,7 @@ LEARNERS, OPPONENT = ("apg-flight", "ppo-flight"), "lqg"  # the classical contro
 CLASSICAL = "lqg", "dual-mode", "flatness", "adrc-matched", "lqi", "lqr"
 WITH_MEMORY = "apg-flight, 2 min"
 RUNS, SEEDS = Path("runs/flight-learning"), 3
+FEW = 50  # episodes of short trainings
 # Changed settings, and the factor on timesteps and imitation steps (at least 100,000), which take about this time
 VARIANTS: dict[str, tuple[dict[str, Any], float]] = {
     "2 min": ({}, 0.15),
@@ -111,11 +112,12 @@ def main() -> None:
     found |= {name: load_policies(name)[:SEEDS] for name in LEARNERS}
     common = given.episodes, given.seed, CACHE
     every = compare([OPPONENT, *LEARNERS], ["flight"], *common, jobs=given.jobs)
-    shorter = compare(found, ["flight"], *common, jobs=given.jobs)
+    few = min(given.episodes, FEW), given.seed
+    shorter = compare(found, ["flight"], *few, CACHE, jobs=given.jobs)
     late = compare(found | {name: name for name in CLASSICAL}, ["flight_unknown"], *common, jobs=given.jobs)
-    head = made_by("flight_learning", given.episodes, given.seed)
-    parts = {"duel": duel(every), "budgets": budgets(shorter), "memory": memory(late)}
-    fill(DOCS / "learning.md", {name: f"{head}\n\n{table}" for name, table in parts.items()})
+    head, head_of_few = (made_by("flight_learning", *each) for each in (common[:2], few))
+    parts = {"duel": f"{head}\n\n{duel(every)}", "memory": f"{head}\n\n{memory(late)}"}
+    fill(DOCS / "learning.md", {**parts, "budgets": f"{head_of_few}\n\n{budgets(shorter)}"})
 
 
 if __name__ == "__main__":

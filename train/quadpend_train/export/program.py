@@ -225,11 +225,11 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
     law_size, loop = _law_size(base), lift(estimator.unpack_loop)(base.estimator.prediction.numbers[0])
     length, hover = base.simulation.parameters.rod_length, base.simulation.parameters.hover_thrust
     alone = isinstance(hybrid, EstimateOnly)
-    parts: Any = 1, ACTION_SIZE
+    parts: Any = law_size, 1, ACTION_SIZE
     if isinstance(hybrid, EstimateOnly):
         situation, filtered_size = (SITUATION_SIZE, DISTURBANCE_SIZE), FILTERED_SIZE * hybrid.innovations
-        parts = *(size * hybrid.situation for size in situation), 1, filtered_size
-    own, starts = sum(parts), np.cumsum([0, *parts]).tolist()
+        parts = law_size, *(size * hybrid.situation for size in situation), 1, filtered_size
+    starts = np.cumsum([0, *parts]).tolist()
 
     def disturbance_of(memory: Any) -> Any:
         disturbance = _row(memory)[:, estimator.DISTURBANCE : estimator.REFERENCE].copy()
@@ -243,7 +243,7 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
             seen = [deviations_of(base._law, after, bool(base.gains.estimator.mass_time))]
         else:
             seen = [vector(lift(estimator.observation_of)(Estimate(after.T), length)), vector(disturbance)]
-        squares, last, steps, filtered = ca.vertsplit(extra[law_size:], starts)
+        law_memory, squares, last, steps, filtered = ca.vertsplit(extra, starts)
         if hybrid.situation:
             steps = steps + 1.0
             change = _row(ca.if_else(steps > 1.0, vector(disturbance) - last, 0.0))
@@ -255,10 +255,10 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
         if hybrid.innovations:
             seen.append(innovations_of(columns(memory), filtered, base.simulation.period))
             filtered = seen[-1][-FILTERED_SIZE:]
-        return {"seen": ca.vertcat(*seen), "next_extra": ca.vertcat(extra[:law_size], squares, last, steps, filtered)}
+        return {"seen": ca.vertcat(*seen), "next_extra": ca.vertcat(law_memory, squares, last, steps, filtered)}
 
     def correction(memory: Any, later: Any, extra: Any) -> dict[str, Any]:
-        law_memory, (score, _) = extra[:law_size], ca.vertsplit(extra[law_size:], starts)
+        law_memory, score, _ = ca.vertsplit(extra, starts)
         estimated = vector(lift(estimator.observation_of)(Estimate(_row(memory)), length))
         disturbance = vector(disturbance_of(memory))
         r = OBSERVATION_FIELDS["direction"].start
@@ -283,13 +283,13 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
         return {"action": action, "next_extra": extra}
 
     inputs = estimate_only if alone else correction
-    sizes = {"memory": observer.memory, "later": observer.estimate, "extra": law_size + own}
+    sizes = {"memory": observer.memory, "later": observer.estimate, "extra": starts[-1]}
     functions = {
         **observer.functions,
         "inputs": _function("inputs", inputs, **sizes),
         "law": _function("law", law, **sizes, output=ACTION_SIZE),
     }
-    return observer._replace(functions=functions, extra=law_size + own)
+    return observer._replace(functions=functions, extra=starts[-1])
 
 
 def _differences(simulation: Simulation) -> Program:
