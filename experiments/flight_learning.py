@@ -28,7 +28,6 @@ from quadpend_train.training.train import train_or_resume
 
 LEARNERS, OPPONENT = ("apg-flight", "ppo-flight"), "lqg"  # the classical controller that ranks first in training-flight
 CLASSICAL = "lqg", "dual-mode", "flatness", "adrc-matched", "lqi", "lqr"
-WITH_MEMORY = "apg-flight, 2 min"
 RUNS, SEEDS = Path("runs/flight-learning"), 3
 FEW = 50  # episodes of short trainings
 # Changed settings, and the factor on timesteps and imitation steps (at least 100,000), which take about this time
@@ -91,25 +90,25 @@ def budgets(found: Comparison) -> str:
 
 
 def memory(found: Comparison) -> str:
-    """Return survival and error with a model mismatch, and their difference from `WITH_MEMORY`, in Markdown."""
+    """Return survival and error with a model mismatch, and their difference from `apg-flight`, in Markdown."""
     (scenario,), rows, values = found.scenarios, [], cells(found.table)
     pairs = compare_all_pairs(found.table)
     for name in found.policies:
         error, row = multiple([survivors(values[scenario, name])], [1e-3]), ["–", "–"]
-        if name != WITH_MEMORY:
-            pair = pairs[WITH_MEMORY, name]
+        if name != LEARNERS[0]:
+            pair = pairs[LEARNERS[0], name]
             verdict = {1: "better", 0: "not distinguishable", -1: "worse"}[pair.winners[scenario]]
             row = [format_interval(mean(-pair.differences[scenario])), verdict]
         rows.append([name, format_interval(found.summaries[scenario, name]["survival"]), format_interval(error), *row])
-    headings = ["policy", "survival (%)", "error (mm)", "penalised RMSE, difference (mm)", f"{WITH_MEMORY} is"]
+    headings = ["policy", "survival (%)", "error (mm)", "penalised RMSE, difference (mm)", f"{LEARNERS[0]} is"]
     return markdown_table(headings, rows)
 
 
 def main() -> None:
     """Train, fly, and write the tables of the page."""
     given = options(__doc__, 200)
-    found: dict[str, Any] = {f"apg-flight, {name}": trained(name) for name in VARIANTS}
-    found |= {name: load_policies(name)[:SEEDS] for name in LEARNERS}
+    found: dict[str, Any] = {name: load_policies(name)[:SEEDS] for name in LEARNERS}
+    found |= {f"apg-flight, {name}": trained(name) for name in VARIANTS}
     common = given.episodes, given.seed, CACHE
     every = compare([OPPONENT, *LEARNERS], ["flight"], *common, jobs=given.jobs)
     few = min(given.episodes, FEW), given.seed
