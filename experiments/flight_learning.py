@@ -1,4 +1,4 @@
-"""docs/learning.md: what learning adds on the flight benchmark, and what it costs.
+"""docs/learning/tables.md: what learning adds on the flight benchmark, and what it costs.
 
     python -m experiments.flight_learning --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 
@@ -116,7 +116,7 @@ def main() -> None:
     late = compare(found | {name: name for name in CLASSICAL}, ["flight_unknown"], *common, jobs=given.jobs)
     head, head_of_few = (made_by("flight_learning", *each) for each in (common[:2], few))
     parts = {"duel": f"{head}\n\n{duel(every)}", "memory": f"{head}\n\n{memory(late)}"}
-    fill(DOCS / "learning.md", {**parts, "budgets": f"{head_of_few}\n\n{budgets(shorter)}"})
+    fill(DOCS / "learning/tables.md", {**parts, "budgets": f"{head_of_few}\n\n{budgets(shorter)}"})
 
 
 if __name__ == "__main__":
