@@ -19,13 +19,18 @@ def innovations_of(memory: Any, filtered: Any, period: float) -> Any:
     return vector(lift(innovation_inputs)(Estimate(memory.T), columns(filtered).T, shares))
 
 
-def deviations_of(law: Any, later: Any, has_mass: bool) -> Any:
-    """Return `deviation_inputs` of a predicted estimate, a (field, lane) buffer, as a vector."""
+def nominal_estimate(later: Any, has_mass: bool) -> Estimate:
+    """Return a predicted estimate, a (field, lane) buffer, with the forces on the nominal vehicle."""
     nominal = Estimate(later.T.copy())
     if has_mass:
         forces = nominal.disturbance[0, :TORQUE]
         forces[:] = [force / later[MASS_RATIO, 0] for force in forces]
-    return vector(lift(deviation_inputs, {plant_of: lifted_plant})(law, nominal))
+    return nominal
+
+
+def deviations_of(law: Any, later: Any, has_mass: bool) -> Any:
+    """Return `deviation_inputs` of a predicted estimate, a (field, lane) buffer, as a vector."""
+    return vector(lift(deviation_inputs, {plant_of: lifted_plant})(law, nominal_estimate(later, has_mass)))
 
 
 def lifted_plant(simulation: Simulation) -> Any:

@@ -53,7 +53,7 @@ from quadpend_gym.tasks.observation import (
     REFERENCE_START,
 )
 from quadpend_gym.vehicles import CONTROL_PERIOD
-from quadpend_train.common.lifted_inputs import deviations_of, innovations_of, lifted_plant
+from quadpend_train.common.lifted_inputs import deviations_of, innovations_of, lifted_plant, nominal_estimate
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
 _HIGHEST = 1e30  # in place of infinity in the limits of observers
@@ -188,10 +188,8 @@ def _control(base: OutputFeedback, later: Any, law_memory: Any, **options: Any) 
     """Return action and memory of the law as vectors, as `OutputFeedback.control` does."""
     prediction, law, after = base.estimator.prediction, base._law, columns(later)
     _arrive(after, lift(estimator.unpack_loop)(prediction.numbers[0]))
-    ratio, nominal, plant = after[MASS_RATIO, 0], Estimate(after.T.copy()), lifted_plant(base.simulation)
-    if base.gains.estimator.mass_time:
-        forces = nominal.disturbance[0, :TORQUE]
-        forces[:] = [force / ratio for force in forces]
+    nominal = nominal_estimate(after, bool(base.gains.estimator.mass_time))
+    ratio, plant = after[MASS_RATIO, 0], lifted_plant(base.simulation)
     memory = _row(law_memory) if isinstance(law, Lqr) else ()
     command, memory = lift(type(law).command, {plant_of: lifted_plant})(law, nominal, memory, **options)
     if isinstance(law, Lqg):
@@ -226,7 +224,7 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
     length, hover = base.simulation.parameters.rod_length, base.simulation.parameters.hover_thrust
     alone = isinstance(hybrid, EstimateOnly)
     parts: Any = law_size, 1, ACTION_SIZE
-    if isinstance(hybrid, EstimateOnly):
+    if alone:
         situation, filtered_size = (SITUATION_SIZE, DISTURBANCE_SIZE), FILTERED_SIZE * hybrid.innovations
         parts = law_size, *(size * hybrid.situation for size in situation), 1, filtered_size
     starts = np.cumsum([0, *parts]).tolist()
