@@ -77,7 +77,7 @@ clean:  ## delete the caches of numba and of the tools
 # Ray beside the packages of .venv. Where it cannot be installed or does not start, its tests are skipped, and so are those of
 # Betaflight unless BETAFLIGHT_SITL is the path of its firmware.
 .venv-ray/.installed: .venv/.installed
-	$(PYTHON) -m venv $(@D)
+	$(PYTHON) -m venv --without-pip $(@D)
 	$(@D)/bin/python -c 'import sysconfig as s; open(s.get_path("purelib") + "/main.pth", "w").write("import site; site.addsitedir(\"" + s.get_path("purelib").replace("$(@D)", ".venv") + "\")\n")'
 	$(@D)/bin/python -m pip install --quiet --constraint constraints.txt 'ray[client,tune]>=2.40' \
 		&& timeout 120 $(@D)/bin/python -c "import ray; ray.init('local', num_cpus=1, include_dashboard=False)" \
