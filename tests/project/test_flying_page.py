@@ -105,7 +105,7 @@ def test_a_pushed_vehicle_recovers_and_a_fallen_one_begins_again(page: Browser, 
 
 @pytest.mark.extras
 def test_keys_push_pause_reset_and_turn_the_wind_up(page: Browser) -> None:
-    """The keys push and pause after a click on a button, too, which then has the focus."""
+    """Arrows also push while a button has the focus, as after a click on it."""
     reset_without_wind(page)
     page.run("document.getElementById('reset').focus()")
     press(page, "ArrowRight", 39, "rawKeyDown")
