@@ -25,7 +25,7 @@ from quadpend_train.flights.replay import compare, errors, fly, windows_of, with
 
 PATH = DOCS / "identification/simulated.csv"
 BASES = ("hummingbird", "crazyflie-brushless", "racer", "x500")
-LISTED = ("thrust_coefficient", "torque_per_thrust", "inertia_roll", "inertia_pitch")
+LISTED = ("thrust_coefficient", "torque_per_thrust", "inertia_roll", "inertia_pitch", "drag_x", "drag_y", "drag_z")
 
 
 def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
