@@ -16,7 +16,7 @@ from quadpend_train.flights.identify import QUANTITIES, Estimate, Identification
 _UNKNOWN = 0.3  # half width of the range of what the logs do not show, as a share
 _LEAST = 0.02  # half width of every range: models are not exact
 _WIND = 0.045  # fluctuating force on each axis as a share of the weight, as in `hummingbird_windy`
-SETTINGS = "fast-hummingbird"  # preset for a first training in the scenarios
+SETTINGS = "ppo-flight"  # preset for a first training in the scenarios
 
 
 def write_vehicle(found: Identification, start: Vehicle, path: Path) -> Path:
