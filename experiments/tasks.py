@@ -44,7 +44,7 @@ TRACKING = {
 
 # Parts of the page: a set of scenarios, the policies, and the metrics of the table with their headings
 PARTS = {
-    "swing-up": ("test-swing-up", ("swing-up", "ppo-swing-up", "sac-swing-up"), SETTLING),
+    "swing-up": ("test-swing-up", ("swing-up", "ppo-swing-up-wind", "ppo-swing-up", "sac-swing-up"), SETTLING),
     "load": ("test-load", ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), TRACKING),
     "recovery": ("test-recovery", ("swing-up", "ppo-recovery", "sac-recovery"), SETTLING),
     "agile": ("agile", ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile", "sac-agile"), TRACKING),

@@ -16,7 +16,8 @@ A row is in one of three phases:
 
       (2)  a = a_k − K_k (x − x_k)
 
-  x is the state relative to the reference, in the axes of the reference's heading.
+  x is the state relative to the reference, in the axes of the reference's heading. The regulator neglects the lag of
+  rotors.
 - *balance*: `flatness` balances the pendulum at the reference.
 
 Damping ends when the pendulum hangs almost at rest. At the end of the plan, and while damping, balancing begins if it
@@ -65,7 +66,7 @@ from quadpend_gym.vehicles import VEHICLES
 _AT_REST = (0.15, 1.0, 0.5, 0.3, 0.15, 0.5)
 _UPRIGHT = 0.95  # vertical component of the thrust axis from which on the thrust has its full size
 # The plans of the package
-PLANS = {
+PLANS: dict[Path, Simulation] = {
     Path(__file__).with_suffix(".csv"): Simulation(),
     Path(__file__).with_name("swing_up_hummingbird.csv"): Simulation(VEHICLES["hummingbird"], "body_rates"),
 }
@@ -196,7 +197,7 @@ class TrackedPlan(NamedTuple):
 
 @lru_cache(maxsize=8)
 def tracked_plan(gains: SwingUpGains, simulation: Simulation) -> TrackedPlan:
-    """Return the plan for a vehicle with its feedback: that of the package, or a new one, which takes a minute."""
+    """Return the plan for a vehicle with its feedback: that of the package, or a new one, which takes ten seconds."""
     states, actions = _plan(simulation)
     A, B = _linearise(states, actions, simulation)
     Q, R = _expand(lqr.weights(gains.regulator, simulation)[0]), gains.regulator.effort**-2.0 * np.eye(ACTION_SIZE)
@@ -233,10 +234,10 @@ def _linearise(states: Floats, actions: Floats, simulation: Simulation) -> tuple
     steps = _STEP * np.concatenate([np.eye(size), -np.eye(size)])
     x = (states[:-1, np.newaxis] + steps[:, :STATE_SIZE]).reshape(-1, STATE_SIZE)
     a = (actions[:, np.newaxis] + steps[:, STATE_SIZE:]).reshape(-1, ACTION_SIZE)
-    vehicle = simulation.vehicle
+    vehicle, parameters = simulation.vehicle, np.tile(simulation.parameters.as_array(), (len(x), 1))
     if vehicle.rotors is not None:
         vehicle = replace(vehicle, rotors=replace(vehicle.rotors, lag_up=0.0, lag_down=0.0))
-    plant, parameters = plant_of(replace(simulation, vehicle=vehicle)), np.tile(simulation.parameters.as_array(), (len(x), 1))
+    plant = plant_of(replace(simulation, vehicle=vehicle))
     plant.advance(x, plant.initial_memory(x), a, np.zeros((len(x), DISTURBANCE_SIZE)), parameters)
     plus, minus = np.split(x.reshape(len(actions), 2 * size, STATE_SIZE), 2, axis=1)
     jacobian = np.swapaxes(plus - minus, 1, 2) / (2.0 * _STEP)

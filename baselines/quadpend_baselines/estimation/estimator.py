@@ -589,7 +589,7 @@ def _observe(
             if not (is_valid and out[row, AGE] > loop.plant.sensor_delay):
                 out[row, AGE] = out[row, AGE] if is_valid else 0.0
                 begin(memory, row, measured, has_rates, wanted, model, rigid)
-        if has_rates and measured.direction.z < _LEAST_HEIGHT:
+        if has_rates and measured.direction.z < _LEAST_HEIGHT:  # L_x is that of an upright pendulum
             store_vectors(memory, STATE, row, measured)
             if rigid is not None:
                 store_attitude(memory, RIGID_PART, row, measured)
