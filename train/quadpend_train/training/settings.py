@@ -139,8 +139,8 @@ class TrainSettings:
     """Timesteps of the whole training."""
     start_from: str = ""
     """Learned policy whose network training starts from: the name of a policy of this package, a run folder, or a file
-    (.npz or .zip). Its network, hybrid and interface must be those of the settings. The critic starts
-    untrained."""
+    (.npz or .zip). Its network, hybrid and interface must be those of the settings, except that one of the true state
+    also starts one of estimates, whose further inputs begin without weight. The critic starts untrained."""
     max_seconds: Annotated[float, Range(0.0, 1e9, "s")] = 0.0
     """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit. An imitation
     ends first, and the last evaluation and the score come after it."""
