@@ -63,6 +63,8 @@ class HybridSettings:
     multiplied by 0.01 s / control period, so that it has the same weight at any control period."""
     imitation_timesteps: Annotated[int, Range(0, 1e12)] = 0
     """Timesteps before training in which the policy imitates the base controller (DAgger)."""
+    imitation_rounds: Annotated[int, Range(1, 1000)] = 10
+    """Rounds of the imitation, each a flight and a fit."""
 
     def __post_init__(self) -> None:
         alone = self.mode.endswith("_only")
