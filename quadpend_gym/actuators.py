@@ -41,7 +41,7 @@ as_actuators, KINDS = ACTUATORS.parse, ACTUATORS.kinds
 class ActionDelay(ZeroInitialized):
     """A transport delay of `steps` control steps. During the first `steps` steps of an episode the action is hover."""
 
-    steps: Annotated[int, Range(1, 1000)] = 1
+    steps: Annotated[int, Range(1, 1000)] = 1  # delay in control steps
     kind: Literal["action_delay"] = "action_delay"
 
     @property
@@ -71,7 +71,7 @@ class MotorLag(ZeroInitialized):
     y_k at the beginning of the period. Its impulse (integral over the period) is therefore exact.
     """
 
-    time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 0.05  # T
+    time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 0.05  # time constant T of the lag
     kind: Literal["motor_lag"] = "motor_lag"
     memory_size = ACTION_SIZE  # the lagged action
 
@@ -88,7 +88,8 @@ class MotorLag(ZeroInitialized):
 class RateLimit(ZeroInitialized):
     """A limit on the rate of change of each component."""
 
-    rate: Annotated[float, Range(1e-6, 1e9, "1/s")] = 20.0  # a change from −1 to 1 takes 2/rate
+    # largest change of an action in a second; from −1 to 1 takes 2/rate
+    rate: Annotated[float, Range(1e-6, 1e9, "1/s")] = 20.0
     kind: Literal["rate_limit"] = "rate_limit"
     memory_size = ACTION_SIZE  # the previous action
 
@@ -104,7 +105,7 @@ class RateLimit(ZeroInitialized):
 class PacketLoss(ZeroInitialized):
     """Random loss of commands; the last command that arrived replaces a lost one, at first hover."""
 
-    probability: Annotated[float, Range(0.0, 1.0)] = 0.001
+    probability: Annotated[float, Range(0.0, 1.0)] = 0.001  # probability that a command is lost
     kind: Literal["packet_loss"] = "packet_loss"
     memory_size = ACTION_SIZE  # the last action that arrived
 
@@ -122,7 +123,7 @@ class GyroBias:
     have the command interface "body_rates".
     """
 
-    deviation: Annotated[float, Range(0.0, 1000.0, "rad/s")] = 0.02  # standard deviation
+    deviation: Annotated[float, Range(0.0, 1000.0, "rad/s")] = 0.02  # standard deviation of the bias about each axis
     kind: Literal["gyro_bias"] = "gyro_bias"
     memory_size = 3  # the biases, rad/s
 
@@ -151,7 +152,7 @@ class Rotors(Stateless):
     balance the pendulum: use a vehicle with a realistic inertia.
     """
 
-    arm: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.2  # d, distance from the centre to each rotor
+    arm: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.2  # distance d from the centre to each rotor
     drag_ratio: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.02  # κ, drag torque divided by thrust
     kind: Literal["rotors"] = "rotors"
 
@@ -186,9 +187,9 @@ def mixing(rotors: Rotors, simulation: Simulation) -> Floats:
 class RotorFault(Stateless):
     """A loss of thrust of one rotor from time `onset` on. A `Rotors` model must follow it in the list."""
 
-    rotor: Annotated[int, Range(1, 4)] = 1  # 1 to 4
-    effectiveness: Annotated[float, Range(0.0, 1.0)] = 0.7  # remaining fraction of the thrust, 0 to 1
-    onset: Annotated[float, Range(0.0, 1e6, "s")] = 0.0
+    rotor: Annotated[int, Range(1, 4)] = 1  # number of the rotor
+    effectiveness: Annotated[float, Range(0.0, 1.0)] = 0.7  # remaining fraction of its thrust
+    onset: Annotated[float, Range(0.0, 1e6, "s")] = 0.0  # time at which the fault begins
     kind: Literal["rotor_fault"] = "rotor_fault"
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:

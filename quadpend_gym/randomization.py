@@ -89,12 +89,13 @@ class LoopRanges:
     Controllers know the nominal values: those of the scenario and its vehicle.
     """
 
-    # from an action to the moment when it acts; rounded to whole substeps
+    # time until an action acts; rounded to whole substeps
     latency: Annotated[Interval | None, Range(0.0, 1.0, "s")] = None
-    jitter: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # half width of the change of the latency from step to step
-    rate_loop: _Factors = None  # factors of the time constant of the rate loop
-    rotor_lag: _Factors = None  # factors of the time constants of the rotors
-    thrust: _Factors = None  # factors of thrust and torques under the same command, as by the voltage of the battery
+    # largest deviation of the latency of a control step from that of the episode
+    jitter: Annotated[float, Range(0.0, 1.0, "s")] = 0.0
+    rate_loop: _Factors = None  # factor on the time constant of the rate loop
+    rotor_lag: _Factors = None  # factor on the time constants of the rotors
+    thrust: _Factors = None  # factor on thrust and torques of the same command, as by the battery's voltage
 
     def __post_init__(self) -> None:
         if not self.jitter and not any(getattr(self, name) for name in LOOP_NAMES):

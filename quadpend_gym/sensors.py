@@ -49,7 +49,7 @@ class Channel:
     white: Annotated[float, Range(0.0, 1e6)] = 0.0  # standard deviation of white noise, independent at each sample
     bias: Annotated[float, Range(0.0, 1e6)] = 0.0  # standard deviation of a constant error, drawn for each episode
     walk: Annotated[float, Range(0.0, 1e6)] = 0.0  # standard deviation of a random walk after 1 s
-    # quantisation: the measurement is rounded to multiples of this step
+    # step of the quantisation: the measurement is rounded to its multiples
     quantum: Annotated[float, Range(0.0, 1e6)] = 0.0
 
 
@@ -74,7 +74,7 @@ class Noise:
     euler_rate: Annotated[Any, ErrorsField] = Channel()  # rad/s
     direction: Annotated[Any, ErrorsField] = Channel()  # rad
     direction_rate: Annotated[Any, ErrorsField] = Channel()  # 1/s
-    # all sizes above are multiplied by a factor that is drawn for each episode, uniform in this interval; None: 1
+    # factor on all errors, drawn for each episode, uniform in this interval; None: 1
     level: Annotated[Interval | None, Range(1e-3, 1e3)] = None
     kind: Literal["noise"] = "noise"
 
@@ -185,7 +185,7 @@ def _normalise(measured: Floats) -> None:
 class Delay(ZeroInitialized):
     """A delay of `steps` control steps. During the first `steps` steps of an episode its first sample is repeated."""
 
-    steps: Annotated[int, Range(1, 1000)] = 1
+    steps: Annotated[int, Range(1, 1000)] = 1  # delay in control steps
     kind: Literal["delay"] = "delay"
 
     @property
@@ -203,7 +203,7 @@ class Delay(ZeroInitialized):
 class Dropout(ZeroInitialized):
     """Random loss of samples; the last sample received replaces a lost one. The first of an episode is never lost."""
 
-    probability: Annotated[float, Range(0.0, 1.0)] = 0.1
+    probability: Annotated[float, Range(0.0, 1.0)] = 0.1  # probability that a sample is lost
     kind: Literal["dropout"] = "dropout"
     memory_size = STATE_SIZE  # the last sample received
 
@@ -222,7 +222,7 @@ class SampleHold(ZeroInitialized):
     control step, so it changes nothing.
     """
 
-    period: Annotated[float, Range(1e-6, 1e6, "s")] = 0.02
+    period: Annotated[float, Range(1e-6, 1e6, "s")] = 0.02  # time from one sample to the next
     kind: Literal["sample_hold"] = "sample_hold"
     memory_size = STATE_SIZE  # the last sample
 

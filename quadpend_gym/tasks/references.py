@@ -83,22 +83,24 @@ class ReferencePoint(NamedTuple):
 class ReferenceSettings:
     """Relative frequency of each family of random references, and the bounds of their numbers."""
 
-    hover: Annotated[float, Range(0.0, 1e6)] = 1.0  # relative frequencies of the families; that of slaloms is below
-    circle: Annotated[float, Range(0.0, 1e6)] = 1.0
-    figure_eight: Annotated[float, Range(0.0, 1e6)] = 1.0
-    helix: Annotated[float, Range(0.0, 1e6)] = 1.0
-    height: Annotated[Interval, Range(0.0, 10_000.0, "m")] = (2.0, 3.0)  # above the ground z = 0
+    hover: Annotated[float, Range(0.0, 1e6)] = 1.0  # relative frequency of constant references
+    circle: Annotated[float, Range(0.0, 1e6)] = 1.0  # relative frequency of circles
+    figure_eight: Annotated[float, Range(0.0, 1e6)] = 1.0  # relative frequency of figure eights
+    helix: Annotated[float, Range(0.0, 1e6)] = 1.0  # relative frequency of helices
+    # height above the ground z = 0, of a helix at the start
+    height: Annotated[Interval, Range(0.0, 10_000.0, "m")] = (2.0, 3.0)
+    # radius of circles and helices, half the length of figure eights, half the width of slaloms
     radius: Annotated[Interval, Range(1e-3, 1000.0, "m")] = (0.3, 1.5)
     acceleration: Annotated[Interval, Range(0.0, 1000.0, "m/s²")] = (0.2, 1.0)  # peak of the horizontal acceleration
-    climb: Annotated[Interval, Range(-1000.0, 1000.0, "m/s")] = (-0.1, 0.1)  # vertical velocity of a helix
+    climb: Annotated[Interval, Range(-1000.0, 1000.0, "m/s")] = (-0.1, 0.1)  # vertical velocity of helices
     # largest absolute value of the constant part of the yaw
     yaw_offset: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.5
     # largest amplitude of the sinusoidal part of the yaw
     yaw_amplitude: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.3
-    yaw_frequency: Annotated[float, Range(0.0, 10_000.0, "rad/s")] = 1.0  # largest angular frequency of the yaw
-    # relative frequency of slaloms; it is one of the last fields, so that the draws of older tasks stay the same
-    slalom: Annotated[float, Range(0.0, 1e6)] = 0.0
-    speed: Annotated[Interval, Range(0.0, 1000.0, "m/s")] = (1.0, 3.0)  # forward velocity of a slalom
+    # largest angular frequency of the sinusoidal part of the yaw
+    yaw_frequency: Annotated[float, Range(0.0, 10_000.0, "rad/s")] = 1.0
+    slalom: Annotated[float, Range(0.0, 1e6)] = 0.0  # relative frequency of slaloms
+    speed: Annotated[Interval, Range(0.0, 1000.0, "m/s")] = (1.0, 3.0)  # forward velocity of slaloms
 
     def __post_init__(self) -> None:
         if not (self.hover or self.circle or self.figure_eight or self.helix or self.slalom):

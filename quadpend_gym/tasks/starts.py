@@ -44,14 +44,16 @@ from quadpend_gym.vehicles import Parameters, Simulation
 class StartSettings:
     """Largest deviation of a random start, in each component, from the state that tracks the reference exactly."""
 
-    position: Annotated[float, Range(0.0, 1000.0, "m")] = 0.1  # position of the quadrotor
-    velocity: Annotated[float, Range(0.0, 1000.0, "m/s")] = 0.05  # velocity of the quadrotor
-    angle: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.03  # roll, pitch and yaw
+    position: Annotated[float, Range(0.0, 1000.0, "m")] = 0.1  # largest deviation of the quadrotor's position
+    velocity: Annotated[float, Range(0.0, 1000.0, "m/s")] = 0.05  # largest deviation of the quadrotor's velocity
+    angle: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.03  # largest deviation of roll, pitch and yaw
+    # largest deviation of the rates of roll, pitch and yaw
     angle_rate: Annotated[float, Range(0.0, 1000.0, "rad/s")] = 0.05
-    direction: Annotated[float, Range(0.0, 0.9)] = 0.03  # r, before its normalisation
-    # ṙ, before its projection onto the plane perpendicular to r
+    # largest deviation of the pole's direction r, before r is normalised
+    direction: Annotated[float, Range(0.0, 0.9)] = 0.03
+    # largest deviation of ṙ, before its projection onto the plane perpendicular to r
     direction_rate: Annotated[float, Range(0.0, 1000.0, "1/s")] = 0.05
-    # angle by which r is then turned to a random side, drawn uniformly by the area on the sphere
+    # additional angle of the pole to a random side, uniform by the area on the sphere
     pendulum_angle: Annotated[Interval, Range(0.0, np.pi, "rad")] = (0.0, 0.0)
 
 

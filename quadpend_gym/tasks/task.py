@@ -18,10 +18,11 @@ from quadpend_gym.tasks.trajectories import TrajectoryField
 class Limits:
     """Limits of the state; an episode that exceeds one of them terminates (a fall)."""
 
-    # from `Task.pendulum`; π disables this limit
+    # largest angle of the pendulum from the side of `Task.pendulum`; π disables this limit
     pendulum_angle: Annotated[float, Range(0.0, np.pi, "rad")] = np.pi / 3
-    body_angle: Annotated[float, Range(0.0, np.pi, "rad")] = np.pi * 80 / 180  # from level; π disables this limit
-    tracking_error: Annotated[float, Range(0.0, 1e9, "m")] = 3.0
+    # largest angle of the body from level; π disables this limit
+    body_angle: Annotated[float, Range(0.0, np.pi, "rad")] = np.pi * 80 / 180
+    tracking_error: Annotated[float, Range(0.0, 1e9, "m")] = 3.0  # tracking error beyond which the episode ends
     # height of the ground, which neither the quadrotor nor the bob may touch
     ground: Annotated[float, Range(-1e9, 1e9, "m")] = 0.0
 
@@ -30,12 +31,14 @@ class Limits:
 class RewardWeights:
     """Weights of the terms of the reward, see `quadpend_gym.tasks.rewards`; they are divided by their sum."""
 
-    tracking: Annotated[float, Range(0.0, 1e6)] = 0.6
+    tracking: Annotated[float, Range(0.0, 1e6)] = 0.6  # weight of a small tracking error
+    # weight of a pendulum near upright (or hanging, see `Task.pendulum`)
     upright: Annotated[float, Range(0.0, 1e6)] = 0.15
-    yaw: Annotated[float, Range(0.0, 1e6)] = 0.1
-    effort: Annotated[float, Range(0.0, 1e6)] = 0.15
-    tip: Annotated[float, Range(0.0, 1.0)] = 0.5  # s, weight of the narrow peak in the tracking term
-    pendulum_first: Annotated[float, Range(0.0, 1.0)] = 0.0  # p, how much all terms need the pendulum on its side
+    yaw: Annotated[float, Range(0.0, 1e6)] = 0.1  # weight of a small yaw error
+    effort: Annotated[float, Range(0.0, 1e6)] = 0.15  # weight of small actions
+    tip: Annotated[float, Range(0.0, 1.0)] = 0.5  # s, share of the narrow peak in the tracking term
+    # p, from 0 to 1: how much all terms vanish while the pendulum is on the wrong side or spins
+    pendulum_first: Annotated[float, Range(0.0, 1.0)] = 0.0
 
     def __post_init__(self) -> None:
         if not (self.tracking or self.upright or self.yaw or self.effort):

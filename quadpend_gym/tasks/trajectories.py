@@ -162,11 +162,15 @@ class Reference(_Packed):
     Every field has one number for each channel: F_x (m), F_y (m), z (m) and ψ (rad).
     """
 
+    # constant part in each channel (F_x, F_y, z, ψ)
     offset: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
+    # constant velocity in each channel
     rate: Annotated[Channels, Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    # amplitude of the sinusoid in each channel
     amplitude: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
+    # angular frequency in each channel
     frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
+    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)  # phase in each channel
 
     @classmethod
     def hover(cls, x: float = 0.0, y: float = 0.0, z: float = 2.0, yaw: float = 0.0) -> "Reference":
@@ -221,8 +225,9 @@ class Waypoints(_Packed):
     It is a minimum-snap spline whose derivatives of order 0 to 6 are continuous, see `minimum_snap`.
     """
 
-    times: Annotated[tuple[float, ...], Range(0.0, LARGEST, "s")]  # the first is 0
-    points: Annotated[tuple[Point, ...], Range(-LARGEST, LARGEST, "m and rad")]  # F_x, F_y, z and optionally ψ
+    times: Annotated[tuple[float, ...], Range(0.0, LARGEST, "s")]  # time of each point; the first is 0
+    # (F_x, F_y, z) or (F_x, F_y, z, ψ) at each time
+    points: Annotated[tuple[Point, ...], Range(-LARGEST, LARGEST, "m and rad")]
     closed: bool = False  # whether the trajectory repeats without stopping; the last point must equal the first
     kind: Literal["waypoints"] = "waypoints"
 
@@ -268,16 +273,20 @@ class Waypoints(_Packed):
 class SinusoidTerm:
     """One term of `Sinusoids`, with one number for each channel or one for all."""
 
+    # amplitude in each channel
     amplitude: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
+    # angular frequency in each channel
     frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
+    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)  # phase in each channel
 
 
 @settings
 class Sinusoids(_Packed):
     """A constant velocity plus any sum of sinusoids, equation (2)."""
 
+    # constant part in each channel (F_x, F_y, z, ψ)
     offset: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
+    # constant velocity in each channel
     rate: Annotated[Channels, Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
     terms: tuple[SinusoidTerm, ...] = ()
     kind: Literal["sinusoids"] = "sinusoids"

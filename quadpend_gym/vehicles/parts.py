@@ -25,12 +25,12 @@ class Pole:
     the rest of its mass in the pivot.
     """
 
-    mass: Annotated[float, Range(1e-5, 1e3, "kg")]  # m
-    length: Annotated[float, Range(0.01, 20.0, "m")]  # l, pivot to centre of mass
-    # J, transverse, about the pole's own centre of mass; at most m extent²/4
+    mass: Annotated[float, Range(1e-5, 1e3, "kg")]  # mass m
+    length: Annotated[float, Range(0.01, 20.0, "m")]  # distance l from the pivot to the pole's centre of mass
+    # moment of inertia J about a perpendicular axis through the centre of mass; at most m extent²/4
     inertia: Annotated[float, Range(0.0, 4e5, "kg·m²")] = 0.0
-    drag_area: Annotated[float, Range(0.0, 10.0, "m²")] = 0.0  # C_d A
-    extent: Annotated[float | None, Range(0.01, 40.0, "m")] = None  # full length from the pivot; None: 2 l
+    drag_area: Annotated[float, Range(0.0, 10.0, "m²")] = 0.0  # drag coefficient times area, C_d A
+    extent: Annotated[float | None, Range(0.01, 40.0, "m")] = None  # full length from the pivot; None: twice `length`
 
     def __post_init__(self) -> None:
         extent = 2.0 * self.length if self.extent is None else self.extent
@@ -65,16 +65,16 @@ class Rotors:
     right, front right in the X layout.
     """
 
-    # from the body's centre of mass
+    # (x, y) or (x, y, z) of each rotor, from the body's centre of mass
     positions: Annotated[tuple[Position, Position, Position, Position], Range(-10.0, 10.0, "m")]
     spins: tuple[Literal[-1, 1], Literal[-1, 1], Literal[-1, 1], Literal[-1, 1]]  # sign of the yaw torque of a thrust
     thrust: Annotated[tuple[float, float], Range(0.0, 1e4, "N")]  # lowest and highest thrust of each rotor
-    torque_per_thrust: Annotated[float, Range(1e-5, 1.0, "m")]  # κ, yaw torque per thrust
+    torque_per_thrust: Annotated[float, Range(1e-5, 1.0, "m")]  # κ, yaw torque divided by thrust
     lag_up: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # time constant of a rising thrust
     lag_down: Annotated[float | None, Range(0.0, 1.0, "s")] = None  # time constant of a falling thrust; None: `lag_up`
-    # J_p of one propeller and motor about its axis, for gyroscopic torques
+    # moment of inertia J_p of one propeller with its motor about its axis, for gyroscopic torques
     inertia: Annotated[float, Range(0.0, 1.0, "kg·m²")] = 0.0
-    # thrust per squared speed; needed if inertia > 0
+    # thrust divided by the squared speed; needed if `inertia` is above 0
     thrust_coefficient: Annotated[float | None, Range(1e-12, 1.0, "N·s²/rad²")] = None
 
     def __post_init__(self) -> None:
@@ -93,16 +93,21 @@ class Rotors:
 class Drag:
     """Drag of the body, computed from its velocity relative to the air."""
 
-    area: Annotated[float, Range(0.0, 100.0, "m²")] = 0.0  # C_d A of the quadratic drag, the same in all directions
-    rotor: Annotated[Axes, Range(0.0, 100.0, "N·s/m")] = (0.0, 0.0, 0.0)  # linear drag along the body axes
-    angular: Annotated[Axes, Range(0.0, 100.0, "N·m·s/rad")] = (0.0, 0.0, 0.0)  # linear drag of the body rates
-    height: Annotated[float, Range(-2.0, 2.0, "m")] = 0.0  # of the point above the centre of mass where `rotor` acts
+    # drag coefficient times area, C_d A, of the quadratic drag, the same in all directions
+    area: Annotated[float, Range(0.0, 100.0, "m²")] = 0.0
+    # force per velocity along the body axes, linear drag of the rotors
+    rotor: Annotated[Axes, Range(0.0, 100.0, "N·s/m")] = (0.0, 0.0, 0.0)
+    # torque per body rate about the body axes
+    angular: Annotated[Axes, Range(0.0, 100.0, "N·m·s/rad")] = (0.0, 0.0, 0.0)
+    # height above the centre of mass at which the drag of `rotor` acts
+    height: Annotated[float, Range(-2.0, 2.0, "m")] = 0.0
 
 
 @settings
 class RateLoop:
     """The loop on board that follows body rates; after `time_constant`, 63 % of a small step of a rate is reached."""
 
-    time_constant: Annotated[float, Range(1e-3, 1.0, "s")] = 0.02  # Hehn and D'Andrea (ICRA 2011) report about 0.02
-    roll_pitch: Annotated[float, Range(0.1, 100.0, "rad/s")] = 10.0  # rate at an action of ±1
-    yaw: Annotated[float, Range(0.1, 100.0, "rad/s")] = 3.0  # rate at an action of ±1
+    # time of 63 % of a small step; Hehn and D'Andrea (ICRA 2011) report about 0.02
+    time_constant: Annotated[float, Range(1e-3, 1.0, "s")] = 0.02
+    roll_pitch: Annotated[float, Range(0.1, 100.0, "rad/s")] = 10.0  # roll or pitch rate at an action of ±1
+    yaw: Annotated[float, Range(0.1, 100.0, "rad/s")] = 3.0  # yaw rate at an action of ±1

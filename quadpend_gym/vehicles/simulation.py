@@ -28,9 +28,10 @@ class Simulation:
 
     vehicle: Annotated[Vehicle, VehicleField] = field(default_factory=lambda: VEHICLES["paper"])
     interface: Interface = "wrench"  # what an action commands
+    # control period, the time from one action to the next
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
     substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
-    latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # from an action to the moment when it acts; whole substeps
+    latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # time until an action acts; a whole number of substeps
     pendulum: Literal["upright", "hanging"] = "upright"  # control laws use "hanging", environments only "upright"
 
     def __post_init__(self) -> None:

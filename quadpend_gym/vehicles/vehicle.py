@@ -34,20 +34,21 @@ class Vehicle:
     one in `POLES`.
     """
 
-    mass: Annotated[float, Range(1e-3, 1e3, "kg")]  # M, without the pole
-    # (Ixx, Iyy, Izz) or 3 × 3, body frame, about the body's centre of mass, without the pole
+    mass: Annotated[float, Range(1e-3, 1e3, "kg")]  # mass M of the body, without the pole
+    # (Ixx, Iyy, Izz) or a 3 × 3 matrix, body frame, about the body's centre of mass, without the pole
     inertia: Annotated[Axes | tuple[Axes, Axes, Axes], Range(-1e6, 1e6, "kg·m²")]
     pole: Annotated[Pole, PoleField]
     name: str = "own"  # a vehicle from a file without a name has the name of the file
     # "euler": the paper's model, in which a constant diagonal inertia multiplies the Euler-angle accelerations
     attitude: Literal["rigid", "euler"] = "rigid"
-    pivot: Annotated[Axes, Range(-2.0, 2.0, "m")] = (0.0, 0.0, 0.0)  # p, from the body's centre of mass to the joint
+    # position p of the joint, from the body's centre of mass
+    pivot: Annotated[Axes, Range(-2.0, 2.0, "m")] = (0.0, 0.0, 0.0)
     rotors: Rotors | None = None  # None: thrust and torques act as they are commanded, and `torque` is needed
     drag: Drag = field(default_factory=Drag)
     rate_loop: RateLoop = field(default_factory=RateLoop)
-    # (roll and pitch, yaw) at an action of ±1 of the interface "wrench"; None: see `torque_limits`
+    # torques (roll and pitch, yaw) of an action of ±1 with the interface "wrench"; None: from `torque_limits`
     torque: Annotated[tuple[float, float] | None, Range(1e-6, 1e4, "N·m")] = None
-    gravity: Annotated[float, Range(0.1, 100.0, "m/s²")] = 9.81
+    gravity: Annotated[float, Range(0.1, 100.0, "m/s²")] = 9.81  # gravitational acceleration
 
     def __post_init__(self) -> None:
         _check_inertia(self)

@@ -159,10 +159,10 @@ WindField = WINDS.field(lambda value: Sum(WINDS.parse(value)))  # annotation of 
 class Loads(Addable):
     """Base class of models with a fixed magnitude, the load, in each of the twelve columns."""
 
-    force: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N")] = 0.0  # on the quadrotor
-    bob_force: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N")] = 0.0  # on the bob
-    torque: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N·m")] = 0.0
-    velocity: Annotated[Load, Range(-1e4, 1e4, "m/s")] = 0.0  # wind velocity
+    force: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N")] = 0.0  # force on the quadrotor
+    bob_force: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N")] = 0.0  # force on the bob
+    torque: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N·m")] = 0.0  # torque on the quadrotor
+    velocity: Annotated[Load, Range(-1e4, 1e4, "m/s")] = 0.0  # velocity of the air
 
     @cached_property
     def load(self) -> Floats:

@@ -24,10 +24,10 @@ class Gusts(Loads):
     heading are drawn for each gust; an episode begins with a pause.
     """
 
-    pause: Annotated[Interval, Range(0.0, 1e6, "s")] = (0.5, 3.0)  # before a gust, uniform in this interval
-    # uniform in this interval, at least 0.01
+    pause: Annotated[Interval, Range(0.0, 1e6, "s")] = (0.5, 3.0)  # time before each gust, uniform in this interval
+    # duration of each gust, uniform in this interval, at least 0.01
     length: Annotated[Interval, Range(0.01, 1e6, "s")] = (0.5, 2.0)
-    # from x towards y, uniform in this interval
+    # rotation of the loads from x towards y in each gust, uniform in this interval
     heading: Annotated[Interval, Range(-1000.0, 1000.0, "rad")] = (-np.pi, np.pi)
     kind: Literal["gusts"] = "gusts"
     memory_size = 5  # onset (s), length (s), cosine and sine of the heading, and number of the current or next gust
@@ -78,10 +78,10 @@ class PaperGusts(Stateless, Addable):
     it is bounded and differentiable, as the paper's Theorem 1 assumes; each control period has one sample of it.
     """
 
-    force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.3  # amplitude on the quadrotor
-    yaw_torque: Annotated[float, Range(0.0, LARGEST_LOAD, "N·m")] = 0.05  # amplitude
+    force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.3  # amplitude of the force on the quadrotor
+    yaw_torque: Annotated[float, Range(0.0, LARGEST_LOAD, "N·m")] = 0.05  # amplitude of the yaw torque
     onset: Annotated[float, Range(0.0, 1e6, "s")] = 10.0  # time of the first gust
-    hold: Annotated[float, Range(1e-3, 1e6, "s")] = 1.0  # time between two targets
+    hold: Annotated[float, Range(1e-3, 1e6, "s")] = 1.0  # time from one target to the next
     kind: Literal["paper_gusts"] = "paper_gusts"
     moves_air = False
 

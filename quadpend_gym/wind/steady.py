@@ -45,7 +45,7 @@ class Sinusoid(Loads):
     The phase of each axis is drawn for each episode. Add several models with ``+`` for several frequencies.
     """
 
-    frequency: Annotated[float, Range(1e-6, 1e6, "rad/s")] = 1.0
+    frequency: Annotated[float, Range(1e-6, 1e6, "rad/s")] = 1.0  # angular frequency
     kind: Literal["sinusoid"] = "sinusoid"
 
     @property
@@ -82,8 +82,8 @@ class Drawn(Composite):
     """A wind that is scaled by a factor and rotated about the vertical by an angle, both drawn for each episode."""
 
     wind: Annotated[Any, WindField]
-    strength: Annotated[Interval, Range(-1000.0, 1000.0)] = (1.0, 1.0)  # factor, uniform in this interval
-    # from x towards y, uniform in this interval
+    strength: Annotated[Interval, Range(-1000.0, 1000.0)] = (1.0, 1.0)  # factor on the wind, uniform in this interval
+    # rotation of the wind from x towards y, uniform in this interval
     heading: Annotated[Interval, Range(-1000.0, 1000.0, "rad")] = (-np.pi, np.pi)
     kind: Literal["drawn"] = "drawn"
 
@@ -122,8 +122,8 @@ class Rescaled(Composite):
     """
 
     wind: Annotated[Any, WindField]
-    scale: Annotated[float, Range(0.0, 1e4)] = 1.0
-    # of torques, about all axes or about each; None: `scale`
+    scale: Annotated[float, Range(0.0, 1e4)] = 1.0  # factor on the forces
+    # factor on the torques, one or one for each axis; None: `scale`
     torque_scale: Annotated[Load | None, Range(0.0, 1e4)] = None
     kind: Literal["rescaled"] = "rescaled"
 

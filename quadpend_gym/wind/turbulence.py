@@ -69,11 +69,11 @@ class OrnsteinUhlenbeck(Loads):
     a = exp(−period / time_constant).
     """
 
-    force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.3  # on the quadrotor
-    bob_force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.0  # on the bob
-    torque: Annotated[Load, Range(0.0, LARGEST_LOAD, "N·m")] = 0.0
-    velocity: Annotated[Load, Range(0.0, 1e4, "m/s")] = 0.0  # wind velocity
-    time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 1.0
+    force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.3  # standard deviation of the force on the quadrotor
+    bob_force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.0  # standard deviation of the force on the bob
+    torque: Annotated[Load, Range(0.0, LARGEST_LOAD, "N·m")] = 0.0  # standard deviation of the torque on the quadrotor
+    velocity: Annotated[Load, Range(0.0, 1e4, "m/s")] = 0.0  # standard deviation of the velocity of the air
+    time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 1.0  # correlation time
     kind: Literal["ornstein_uhlenbeck"] = "ornstein_uhlenbeck"
 
     @property
@@ -128,11 +128,13 @@ _SPECTRA = {
 class _Turbulence(Addable):
     """Base class of Dryden and von Kármán turbulence: equations (1)–(3)."""
 
-    intensity: Annotated[Literal["light", "moderate", "severe"] | float, Range(1e-3, 1000.0, "m/s")] = "light"  # W₂₀
-    altitude: Annotated[float, Range(10.0 * FOOT, 1000.0 * FOOT, "m")] = 20.0 * FOOT  # 10 to 1000 feet
-    mean_wind: Annotated[float | None, Range(1e-3, 1000.0, "m/s")] = None  # V; None: computed with equation (1)
-    # from x towards y, direction of the mean wind's velocity
-    heading: Annotated[float, Range(-1000.0, 1000.0, "rad")] = 0.0
+    # wind speed W₂₀ at 20 feet: a number, or light, moderate or severe for 15, 30 or 45 knots
+    intensity: Annotated[Literal["light", "moderate", "severe"] | float, Range(1e-3, 1000.0, "m/s")] = "light"
+    # height above the ground, 10 to 1000 feet
+    altitude: Annotated[float, Range(10.0 * FOOT, 1000.0 * FOOT, "m")] = 20.0 * FOOT
+    # speed V of the mean wind; None: from `intensity` and `altitude`
+    mean_wind: Annotated[float | None, Range(1e-3, 1000.0, "m/s")] = None
+    heading: Annotated[float, Range(-1000.0, 1000.0, "rad")] = 0.0  # direction of the mean wind, from x towards y
     kind: str = ""
     moves_air = True
 

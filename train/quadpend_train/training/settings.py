@@ -53,7 +53,8 @@ class HybridSettings:
     action_scale: Annotated[float, Range(1e-6, 3.0)] = 1.0
     """Factor κ on the policy's action, with residual_action and bandwidth_scheduling."""
     fallback_gain: Annotated[float, Range(0.0, 10.0)] = 0.0
-    """Gain γ that reduces the policy's action as the anomaly score increases; 0 disables the fallback."""
+    """Gain γ that reduces the policy's action while the observer estimates a torque or the pendulum tilts; 0 disables
+    the fallback."""
     action_repeat: Annotated[int, Range(1, 1000)] = 1
     """Control steps for which each action of the policy is repeated. Timesteps count actions, not control steps."""
     baseline_relative_reward: bool = False
@@ -107,11 +108,11 @@ class ApgSettings:
     window: Annotated[int, Range(1, 10_000)] = 100
     """Control steps through which gradients are propagated; one gradient step per window."""
     restart: Annotated[float, Range(0.0, 1.0)] = 0.5
-    """Share of the rows of each scenario that begin a new episode with each window, rounded to whole rows."""
+    """Share of the sub-environments of each scenario that begin a new episode with each window."""
     rmse: Annotated[float, Range(0.0, 1e6, "1/m")] = 6.0
     """Weight w_R of the root mean square of the tracking error, mean over the scenarios, 1/m."""
     log_rmse: Annotated[float, Range(0.0, 1e6)] = 0.0
-    """Weight w_L of the logarithm of the root mean square of a row's tracking error, mean over the rows."""
+    """Weight w_L of the logarithm of the root mean square of a sub-environment's tracking error, mean over all."""
     error: Annotated[float, Range(0.0, 1e6, "1/m")] = 0.1
     """Weight w₁ of the tracking error, 1/m."""
     yaw: Annotated[float, Range(0.0, 1e6, "1/rad²")] = 0.1
@@ -121,9 +122,9 @@ class ApgSettings:
     rate: Annotated[float, Range(0.0, 1e6, "s²/rad²")] = 1e-4
     """Weight w_ω of the squared Euler-angle rates, s²/rad²."""
     lean: Annotated[float, Range(0.0, 1e6)] = 100.0
-    """Weight w_l of the cost of leaning."""
+    """Weight w_l of the cost of margins m below 0.6, that is of coming near the limits of an episode."""
     max_grad_norm: Annotated[float, Range(1e-9, 1e9)] = 1.0
-    """Largest norm of the gradient of a gradient step."""
+    """Norm above which the gradient of a gradient step is scaled down."""
     max_state_gradient: Annotated[float, Range(1e-9, 1e12)] = 3000.0
     """Largest norm of the gradient of the summed cost of a row with respect to its state at one step."""
 
