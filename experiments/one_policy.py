@@ -42,7 +42,7 @@ def main() -> None:
         made = compare(names, scenarios, given.episodes, given.seed, CACHE, jobs=given.jobs)
         for air in AIR:
             cells = {name: made.summaries[air, name] for name in made.policies}
-            errors = {name: 1e3 * cell["settled_rmse"].value for name, cell in cells.items()}
+            errors = {name: cell["settled_rmse"].value for name, cell in cells.items()}
             ratio = f"{errors['one'] / errors['own']:.2f}" if own else ""
             numbers = [with_survival(f"{errors[name]:.3g}", cells[name]) for name in cells]
             rows.append([vehicle, air, *numbers, *([] if own else [""]), ratio])
