@@ -39,7 +39,7 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
         model = kind("MlpPolicy", env, tensorboard_log=log, seed=settings.seed, device="cpu", **arguments)
     except AssertionError as error:  # Stable-Baselines3 checks the action space and some arguments this way
         raise ValueError(f"algo {settings.algo!r} refuses its environment or its arguments: {error}") from error
-    if settings.hybrid.mode != "estimate_only":  # a hybrid starts close to its base controller
+    if not settings.hybrid.mode.endswith("_only"):  # a hybrid starts close to its base controller
         layer = linear_layers(model)[-1]
         with torch.no_grad():
             layer.weight *= 0.1
