@@ -355,7 +355,9 @@ def _late_action(base: Any, memory: HybridMemory) -> tuple[Floats32, HybridMemor
     return action, memory._replace(controller=updated)
 
 
-HYBRIDS: dict[str, type[Hybrid]] = {kind.kind: kind for kind in (EstimateOnly, MemoryOnly, ResidualAction, BandwidthScheduling)}
+HYBRIDS: dict[str, type[Hybrid]] = {
+    kind.kind: kind for kind in (EstimateOnly, MemoryOnly, ResidualAction, BandwidthScheduling)
+}
 
 
 def hybrid_from_data(data: Any) -> Hybrid:

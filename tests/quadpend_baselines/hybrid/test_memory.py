@@ -56,5 +56,3 @@ def test_a_designed_hybrid_teaches_what_its_base_controller_does_and_a_flown_one
         plain = inner.step(expected)[0]
     flown = MemoryOnly().flown_in(scenario.simulation, Loop())
     assert flown.observe(plain, None, np.ones(3, np.bool_))[1].controller == ()
-
-
