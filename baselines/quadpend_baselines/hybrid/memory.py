@@ -1,6 +1,6 @@
 """What a policy that is told nothing about its vehicle observes: the measurements, and a memory of them.
 
-The memory are first-order filters. In control step k, with x = (m, a_{k−1}) of the measured values m and the last action,
+The memory is a set of first-order filters. In control step k, x = (m, a_{k−1}) are the measured values and the last action:
 
     (1)  f_k = f_{k−1} + (1 − e^{−T/τ}) (x_k − f_{k−1}),     τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   f = x at the start
 
