@@ -78,7 +78,7 @@ def export_c(
     values = {
         "name": stem,
         "title": f"{out.with_suffix('.h').name}: the policy {name} for the vehicle {vehicle}.",
-        "description": f"It is designed for the scenario {scenario.name}: {scenario.description}.",
+        "description": f"It is designed for the scenario {': '.join(filter(None, (scenario.name, scenario.description)))}.",
         "period": repr(simulation.period),
         "latency": repr(simulation.latency),
         "interface": simulation.interface,
