@@ -21,11 +21,11 @@ from quadpend_gym.vehicles import VEHICLES, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.flights.identify import QUANTITIES, identify
 from quadpend_train.flights.readers import read_log
-from quadpend_train.flights.replay import compare
+from quadpend_train.flights.replay import compare, errors, fly, windows_of, without_pole
 
 PATH = DOCS / "identification/simulated.csv"
 BASES = ("hummingbird", "crazyflie-brushless", "racer", "x500")
-LISTED = ("thrust_coefficient", "torque_per_thrust", "inertia_roll", "inertia_pitch")
+LISTED = ("thrust_coefficient", "torque_per_thrust", "inertia_roll", "inertia_pitch", "drag_x", "drag_y", "drag_z")
 
 
 def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
@@ -130,13 +130,20 @@ def public(paths: list[Path], columns: Path, start: str) -> None:
         found = identify([fitted], vehicle, training=1.0)
         print(f"\nFitted on {fitted.name}\n{found.table()}", flush=True)
         for log in logs:
-            errors = compare(log, {start: vehicle, "identified": found.vehicle}, delay=found.delay)
+            vehicles = {start: vehicle, "identified": found.vehicle}
+            rms = compare(log, vehicles, delay=found.delay)
             for channel in ("position", "attitude"):
                 for time in (0.1, 0.25, 0.5):
                     at = round(time / log.period)
-                    new, old, held = (errors[name][channel][at] for name in ("identified", start, "held"))
+                    new, old, held = (rms[name][channel][at] for name in ("identified", start, "held"))
                     ratios = f"{new / old:.2f} of {start}, {new / held:.2f} of held"
                     print(f"  on {log.name}: {channel} at {time:g} s: {ratios}")
+            windows, medians = windows_of(log, 0.25, 0.05), list[float]()
+            for each in vehicles.values():
+                coefficient = rotors_of(each).thrust_coefficient or found.coefficient
+                position = errors(fly(windows, without_pole(each), coefficient, found.delay), windows)[-1, :, :3]
+                medians.append(float(np.median(np.linalg.norm(position, axis=1))))
+            print(f"  on {log.name}: median position at 0.25 s: {medians[1] / medians[0]:.2f} of {start}")
 
 
 if __name__ == "__main__":

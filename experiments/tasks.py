@@ -42,12 +42,14 @@ TRACKING = {
 }
 
 
-# Parts of the page: a set of scenarios, the policies, and the metrics of the table with their headings
-PARTS = {
-    "swing-up": ("test-swing-up", ("swing-up", "ppo-swing-up", "sac-swing-up"), SETTLING),
-    "load": ("test-load", ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), TRACKING),
-    "recovery": ("test-recovery", ("swing-up", "ppo-recovery", "sac-recovery"), SETTLING),
-    "agile": ("agile", ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile", "sac-agile"), TRACKING),
+# Parts of the page: scenarios, the policies, and the metrics of the table with their headings
+HUMMINGBIRD = [SCENARIOS[name].with_vehicle("hummingbird", "body_rates") for name in ("swing_up", "swing_up_breeze")]
+PARTS: dict[str, tuple[Sequence[str | Scenario], tuple[str, ...], dict[str, str]]] = {
+    "swing-up-hummingbird": (HUMMINGBIRD, ("swing-up",), SETTLING),
+    "swing-up": (["test-swing-up"], ("swing-up", "ppo-swing-up-wind", "ppo-swing-up", "sac-swing-up"), SETTLING),
+    "load": (["test-load"], ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), TRACKING),
+    "recovery": (["test-recovery"], ("swing-up", "ppo-recovery", "sac-recovery"), SETTLING),
+    "agile": (["agile"], ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile", "sac-agile"), TRACKING),
 }
 
 
@@ -160,7 +162,7 @@ def main() -> None:
     """Evaluate all parts, and fill the page."""
     given = options(__doc__, 200)
     for name, (scenarios, policies, columns) in PARTS.items():
-        found = compare(policies, [scenarios], given.episodes, given.seed, CACHE, jobs=given.jobs)
+        found = compare(policies, scenarios, given.episodes, given.seed, CACHE, jobs=given.jobs)
         text = table(found, columns)
         if name == "agile":
             faster = {f"{value:g}": fast(value) for value in ACCELERATIONS}

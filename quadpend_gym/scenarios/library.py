@@ -70,7 +70,8 @@ def find_scenarios(names: str | Iterable[str | Scenario]) -> dict[str, Scenario]
 
     Each is a `Scenario`, or a text: the name of a scenario or of a set of this package; the path of a TOML or JSON
     file, whose scenarios all count, or ``"mine.toml:name"`` for a scenario or a set in it; JSON that begins with a
-    brace; or ``"module:factory"``, a function that returns a `Scenario` or a wind. NAME=TEXT gives another name.
+    brace; or ``"module:factory"``, a function that returns a `Scenario` or a wind. NAME=TEXT gives another name, and
+    TEXT@VEHICLE another vehicle, see `Scenario.with_vehicle`.
     """
     found: dict[str, Scenario] = {}
     for item in [names] if isinstance(names, str) else names:
@@ -118,6 +119,9 @@ def _scenarios(text: str) -> list[Scenario]:
     name, value = split_name(text)
     if name:
         return [replace(find_scenario(value), name=name)]
+    text, at, vehicle = text.partition("@")
+    if at:
+        return [scenario.with_vehicle(vehicle) for scenario in _scenarios(text)]
     file, _, member = text.partition(":")
     path = Path(file)
     if path.suffix in (".toml", ".json"):

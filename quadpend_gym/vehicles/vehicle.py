@@ -3,6 +3,7 @@
 Frames: world z up; body x forward, y left, z up, with its origin in the body's centre of mass. SI units.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
@@ -14,12 +15,14 @@ from pydantic import Field
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.files import read_toml
 from quadpend_gym.core.settings import Parsed, Range, look_up, parse, settings
+from quadpend_gym.vehicles.family import random_vehicle
 from quadpend_gym.vehicles.parameters import Parameters
 from quadpend_gym.vehicles.parts import PRESETS, Axes, Drag, Pole, PoleField, RateLoop, Rotors
 
 __all__ = ["VEHICLES", "Vehicle", "as_vehicle", "hover_thrusts", "hover_wrench", "mixing", "rotors_of", "torque_limits"]
 
 _MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
+_RANDOM = r"^random:\d+$"  # a vehicle of `family`
 FASTEST_LOOP = 0.5  # least time constant of the rate loop, as a share of the mean lag of the rotors
 
 
@@ -205,7 +208,7 @@ VEHICLES = {name: Vehicle(**{"name": name, **data}) for name, data in PRESETS["v
 def as_vehicle(value: Any) -> Vehicle:
     """Return a vehicle from itself, a name in `VEHICLES`, the path of a .toml file, or a mapping of its fields.
 
-    None is the paper's vehicle.
+    ``"random:17"`` is the vehicle of `family` with the seed 17. None is the paper's vehicle.
     """
     if value is None:
         return VEHICLES["paper"]
@@ -218,11 +221,13 @@ def as_vehicle(value: Any) -> Vehicle:
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
     if isinstance(value, str):
-        return look_up(VEHICLES, value, "vehicle", "; or give a TOML file")
+        if re.fullmatch(_RANDOM, value):
+            return Vehicle(**random_vehicle(int(value[7:])))
+        return look_up(VEHICLES, value, "vehicle", "; or give a TOML file, or random:SEED")
     return parse(Vehicle, value, "vehicle")
 
 
 # annotation of a field that holds a vehicle
 VehicleField = Parsed(
-    as_vehicle, lambda: Literal[tuple(VEHICLES)] | Annotated[str, Field(pattern=r"\.toml$")] | Vehicle
+    as_vehicle, lambda: Literal[tuple(VEHICLES)] | Annotated[str, Field(pattern=rf"\.toml$|{_RANDOM}")] | Vehicle
 )

@@ -96,6 +96,7 @@ def test_commands_on_every_page_are_valid(block: str, folder: Path, monkeypatch:
     monkeypatch.setattr(tyro, "cli", parse_command)
     (folder / "runs/mine").mkdir(parents=True)
     (folder / "runs/mine/settings.json").write_text("{}", encoding="utf-8")
+    (folder / "mine-training.toml").write_text("[scenarios.mine]\n", encoding="utf-8")  # `identify` writes it
     for line in re.sub(r"\\\n", "", block).splitlines():
         if line.startswith("quadpend "):
             main(shlex.split(line, comments=True)[1:])

@@ -16,7 +16,8 @@ A row is in one of three phases:
 
       (2)  a = a_k − K_k (x − x_k)
 
-  x is the state relative to the reference, in the axes of the reference's heading.
+  x is the state relative to the reference, in the axes of the reference's heading. The regulator neglects the lag of
+  rotors.
 - *balance*: `flatness` balances the pendulum at the reference.
 
 Damping ends when the pendulum hangs almost at rest. At the end of the plan, and while damping, balancing begins if it
@@ -24,8 +25,10 @@ can catch the pendulum: at |r_xy + ṙ_xy/√K| < c, the unstable mode of an upr
 r_z = `catch_height`. It ends below `lost_height`. The plan is for a reference at rest, and for a loop without delays.
 """
 
+from dataclasses import replace
 from enum import IntEnum
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,6 +42,7 @@ from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.estimation.estimator import Estimate, measurement_from_observation
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import SwingUpGains
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, limit_norm, rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_gym import Simulation
@@ -55,12 +59,17 @@ from quadpend_gym.physics.state import (
     State,
 )
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.vehicles import VEHICLES
 
 # What "almost at rest" means: lengths of r_xy (1), ṙ (1/s), position (m) and velocity (m/s) relative to the reference,
 # roll and pitch (rad), and the rates of the attitude (rad/s).
 _AT_REST = (0.15, 1.0, 0.5, 0.3, 0.15, 0.5)
 _UPRIGHT = 0.95  # vertical component of the thrust axis from which on the thrust has its full size
-PLAN_FILE = Path(__file__).with_suffix(".csv")
+# The plans of the package
+PLANS: dict[Path, Simulation] = {
+    Path(__file__).with_suffix(".csv"): Simulation(),
+    Path(__file__).with_name("swing_up_hummingbird.csv"): Simulation(VEHICLES["hummingbird"], "body_rates"),
+}
 _STEP = 1e-5  # of the central differences along the plan
 _LEAST_VERTICAL = 0.3  # lower bound of the vertical component of the thrust axis, and of the lift in units of g
 
@@ -127,7 +136,7 @@ class SwingUp(Controller):
 
     def _can_catch(self, s: State) -> Booleans:
         """Return whether the balancing controller can catch the pendulum, shape (n,)."""
-        rate = np.sqrt(self.simulation.parameters.chain_stiffness)
+        rate = np.sqrt(equivalent_model(self.simulation).parameters.chain_stiffness)
         mode = np.linalg.norm(s.direction[:, :2] + s.direction_rate[:, :2] / rate, axis=1)
         return np.asarray((mode < self.gains.catch) & (s.direction[:, 2] > self.gains.catch_height))
 
@@ -165,7 +174,7 @@ class SwingUp(Controller):
         share = np.clip(vertical / _UPRIGHT, 0.0, 1.0) ** 2  # less thrust while it points sideways, none downwards
         thrust = p.total_mass * lift * share / np.maximum(vertical, _LEAST_VERTICAL)
         command = np.column_stack([thrust, self._torques(s, measurement, tangent)])
-        return to_action(command, self.simulation)
+        return to_action(command, self.simulation, plant_of(self.simulation).initial_memory(measurement.state))
 
     def _torques(self, s: State, measurement: Estimate, tangent: Floats) -> Floats:
         """Return the torques that turn the thrust axis towards a direction with a tangent, N·m, shape (n, 3)."""
@@ -188,21 +197,25 @@ class TrackedPlan(NamedTuple):
 
 @lru_cache(maxsize=8)
 def tracked_plan(gains: SwingUpGains, simulation: Simulation) -> TrackedPlan:
-    """Return the plan of the package with its feedback."""
-    default = Simulation()
-    if simulation.vehicle.attitude != default.vehicle.attitude or any(
-        getattr(simulation, name) != getattr(default, name) for name in ("parameters", "torque_limits", "period")
-    ):
-        raise ValueError(
-            "swing-up has a plan for the paper's vehicle with its default parameters and the control period"
-            f" {default.period:g} s only"
-        )
-    numbers = np.loadtxt(PLAN_FILE, delimiter=",", skiprows=1)
-    states, actions = numbers[:, :STATE_SIZE], numbers[:-1, STATE_SIZE:]
+    """Return the plan for a vehicle with its feedback: that of the package, or a new one, which takes ten seconds."""
+    states, actions = _plan(simulation)
     A, B = _linearise(states, actions, simulation)
     Q, R = _expand(lqr.weights(gains.regulator, simulation)[0]), gains.regulator.effort**-2.0 * np.eye(ACTION_SIZE)
     P = _expand(lqr.riccati(gains.regulator, simulation)[1])
     return TrackedPlan(states, actions, lqr.varying_gains(A, B, Q, R, P))
+
+
+def _plan(simulation: Simulation) -> tuple[Floats, Floats]:
+    """Return x_k and a_k of the plan for a vehicle."""
+    for path, planned in PLANS.items():
+        if simulation == replace(planned, substeps=simulation.substeps, latency=simulation.latency):
+            numbers = np.loadtxt(path, delimiter=",", skiprows=1)
+            return numbers[:, :STATE_SIZE], numbers[:-1, STATE_SIZE:]
+    if find_spec("casadi") is None:
+        raise ValueError("the plan of a swing-up needs CasADi, which is not installed: pip install 'quadpend-gym[mpc]'")
+    from quadpend_baselines.planning.swing_up import plan_swing_up
+
+    return plan_swing_up(simulation)
 
 
 def _expand(matrix: Floats) -> Floats:
@@ -213,13 +226,19 @@ def _expand(matrix: Floats) -> Floats:
 
 
 def _linearise(states: Floats, actions: Floats, simulation: Simulation) -> tuple[Floats, Floats]:
-    """Return the derivatives of the next state along a flight, shapes (N, 18, 18) and (N, 18, 4)."""
+    """Return the derivatives of the next state along a flight, shapes (N, 18, 18) and (N, 18, 4).
+
+    Rotors follow at once.
+    """
     size = STATE_SIZE + ACTION_SIZE
     steps = _STEP * np.concatenate([np.eye(size), -np.eye(size)])
     x = (states[:-1, np.newaxis] + steps[:, :STATE_SIZE]).reshape(-1, STATE_SIZE)
     a = (actions[:, np.newaxis] + steps[:, STATE_SIZE:]).reshape(-1, ACTION_SIZE)
-    plant, parameters = plant_of(simulation), np.tile(simulation.parameters.as_array(), (len(x), 1))
-    plant.advance_under(plant.command(a), x, np.zeros((len(x), DISTURBANCE_SIZE)), parameters)
+    vehicle, parameters = simulation.vehicle, np.tile(simulation.parameters.as_array(), (len(x), 1))
+    if vehicle.rotors is not None:
+        vehicle = replace(vehicle, rotors=replace(vehicle.rotors, lag_up=0.0, lag_down=0.0))
+    plant = plant_of(replace(simulation, vehicle=vehicle))
+    plant.advance(x, plant.initial_memory(x), a, np.zeros((len(x), DISTURBANCE_SIZE)), parameters)
     plus, minus = np.split(x.reshape(len(actions), 2 * size, STATE_SIZE), 2, axis=1)
     jacobian = np.swapaxes(plus - minus, 1, 2) / (2.0 * _STEP)
     return jacobian[..., :STATE_SIZE], jacobian[..., STATE_SIZE:]

@@ -31,6 +31,7 @@ from quadpend_baselines.gains import (
     MppiGains,
     NmpcGains,
     ObserverGains,
+    SwingUpGains,
 )
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Parameters, Simulation
@@ -53,6 +54,14 @@ EXPONENTS: dict[type, dict[str, float]] = {
     DualModeGains: {"near_error": -2.5, "far_error": -2.5},
     LqgGains: {"effort": -2, "yaw": -2, "near_error": -2.5, "far_error": -2.5},
     NmpcGains: {"period": -1},
+    SwingUpGains: {
+        "damp": -1,
+        "lead": -1,
+        "position": 2,
+        "velocity": 1,
+        "attitude_bandwidth": 1,
+        "vertical_bandwidth": 1,
+    },
 }
 
 

@@ -101,6 +101,7 @@ from quadpend_gym.tasks.observation import (
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS
 
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
+_LEAST_HEIGHT = float(np.sqrt(1.0 - _MAX_HORIZONTAL**2))  # r_z there
 ORDERS = 5  # derivatives of the reference, of order 2 … 6
 STATE, DISTURBANCE, REFERENCE, YAW, MASS_RATIO, AGE, INNOVATION, RIGID_PART, LOOP = 0, 18, 27, 42, 45, 46, 47, 65, 76
 # Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, action and the one
@@ -578,16 +579,20 @@ def _observe(
         if started[row]:
             out[row] = 0.0
             begin(memory, row, measured, has_rates, wanted, model, rigid)
-            continue
-        out[row] = before[row]
-        gain = table[min(int(before[row, AGE]), table.shape[0] - 1)]
-        advance(memory, row, load_action(action, row), 0, loop, rigid, buffer)
-        correct(memory, row, measured, has_rates, wanted, gain, mass_share, model.vehicle, rigid, buffer)
-        is_valid = is_bounded(memory, row, STATE_SIZE, _MAX_ESTIMATE)
-        # A delayed sensor repeats its first sample.
-        if not (is_valid and out[row, AGE] > loop.plant.sensor_delay):
-            out[row, AGE] = out[row, AGE] if is_valid else 0.0
-            begin(memory, row, measured, has_rates, wanted, model, rigid)
+        else:
+            out[row] = before[row]
+            gain = table[min(int(before[row, AGE]), table.shape[0] - 1)]
+            advance(memory, row, load_action(action, row), 0, loop, rigid, buffer)
+            correct(memory, row, measured, has_rates, wanted, gain, mass_share, model.vehicle, rigid, buffer)
+            is_valid = is_bounded(memory, row, STATE_SIZE, _MAX_ESTIMATE)
+            # A delayed sensor repeats its first sample.
+            if not (is_valid and out[row, AGE] > loop.plant.sensor_delay):
+                out[row, AGE] = out[row, AGE] if is_valid else 0.0
+                begin(memory, row, measured, has_rates, wanted, model, rigid)
+        if has_rates and measured.direction.z < _LEAST_HEIGHT:  # L_x is that of an upright pendulum
+            store_vectors(memory, STATE, row, measured)
+            if rigid is not None:
+                store_attitude(memory, RIGID_PART, row, measured)
 
 
 @dataclass(frozen=True)

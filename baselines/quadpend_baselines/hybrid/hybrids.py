@@ -1,12 +1,13 @@
 """Hybrids of a classical base controller and a policy.
 
 At every control step a hybrid first computes the policy's observation (`Hybrid.observe`), and then computes the action
-that is applied to the environment from the policy's action (`Hybrid.act`). Three classes use the policy's action
+that is applied to the environment from the policy's action (`Hybrid.act`). The classes use the policy's action
 a ∈ [−1, 1]⁴ in different ways, with the action scale κ:
 
 | class                 | applied action                                                                              |
 |-----------------------|---------------------------------------------------------------------------------------------|
 | `EstimateOnly`        | (1)  a                                                                                      |
+| `MemoryOnly`          | (1)  a; the base controller does not fly: it is the teacher                                 |
 | `ResidualAction`      | (2)  clip(a_base + κ a, −1, 1)                                                              |
 | `BandwidthScheduling` | (3)  the base controller's action, with its four bandwidths multiplied by (1 + κ)^a         |
 
@@ -27,7 +28,8 @@ The policy's observation contains, in this order,
 | the situation, see `situation`; with ``EstimateOnly(situation=True)`` only              | 12       | its own    |
 | filtered innovations, see `innovations`; with ``EstimateOnly(innovations=True)`` only   | 32       | its own    |
 
-With ``EstimateOnly(deviations=True)`` the inputs of `deviations` take the place of the first two parts.
+With ``EstimateOnly(deviations=True)`` the inputs of `deviations` take the place of the first two parts. `MemoryOnly`
+has the inputs of `memory` alone.
 
 `ResidualAction` and `BandwidthScheduling` multiply the part of the observation that depends on the state, and the base
 controller's action, by ten, because the base controller keeps these values small.
@@ -51,6 +53,7 @@ from quadpend_baselines.hybrid.innovations import (
     innovation_inputs,
     last_filtered,
 )
+from quadpend_baselines.hybrid.memory import MEMORY_SIZE, memory_inputs
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_baselines.registry import controller
 from quadpend_gym import Simulation
@@ -73,7 +76,8 @@ class HybridMemory(NamedTuple):
     base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
     anomaly_score: Floats  # q of equation (4), (n,); zeros with `EstimateOnly`
     situation: Any = ()  # `Situation`; empty for hybrids that do not observe it
-    filtered: Any = ()  # f of `innovations`; empty for hybrids that do not observe it
+    filtered: Any = ()  # f of `innovations` or `memory`; empty for hybrids that do not observe it
+    action: Any = ()  # the last applied action, for `memory`
 
 
 class Hybrid:
@@ -96,6 +100,10 @@ class Hybrid:
         other = copy(self)
         object.__setattr__(other, "controller", self.controller.designed_for(simulation, loop))
         return other
+
+    def flown_in(self, simulation: Simulation, loop: Loop) -> "Hybrid":
+        """Return this hybrid as a policy needs it to fly in a nominal simulation with a known loop."""
+        return self.designed_for(simulation, loop)
 
     def observation_size(self, size: int) -> int:
         """Return the size of the policy's observation if the environment's observation has `size` numbers."""
@@ -202,14 +210,61 @@ class EstimateOnly(Hybrid):
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action, which only imitation needs; see `Hybrid.base_action`."""
-        if not isinstance(self.controller, OutputFeedback):
-            return memory.base_action, memory
-        action, updated = self.controller.control(memory.controller)
-        return action, memory._replace(controller=updated)
+        return _late_action(self.controller, memory)
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
         return self._applied(action, memory)
+
+
+@settings
+class MemoryOnly(Hybrid):
+    """Hybrid whose policy acts alone, equation (1), on the measurements and a memory of them, see `memory`.
+
+    It is told nothing about its vehicle. The base controller is its teacher: an imitation asks for `base_action`.
+    """
+
+    kind: ClassVar[str] = "memory_only"
+    _teaches: ClassVar[bool] = False
+    _period: ClassVar[float] = CONTROL_PERIOD
+    base_controller: Any = "lqg"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
+
+    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
+        """Return this hybrid with a teacher for a simulation and loop."""
+        other = super().designed_for(simulation, loop)
+        object.__setattr__(other, "_teaches", True)
+        object.__setattr__(other, "_period", simulation.period)
+        return other
+
+    def flown_in(self, simulation: Simulation, loop: Loop) -> "Hybrid":
+        """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
+        other = copy(self)
+        object.__setattr__(other, "_period", simulation.period)
+        return other
+
+    def observation_size(self, size: int) -> int:
+        """Return the size of the policy's observation, 89."""
+        return MEMORY_SIZE
+
+    def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
+        """Return the policy's observation and the memory; see `Hybrid.observe`."""
+        rows, started = len(observation), episode_start
+        none, last, filtered = np.zeros((rows, ACTION_SIZE), np.float32), None, None
+        if memory is not None:
+            last, filtered = np.where(started[:, np.newaxis], none, memory.action), memory.filtered
+        base_action, teacher = self._update(observation, memory, started) if self._teaches else (none, ())
+        action = none if last is None else last
+        seen, filtered = memory_inputs(observation, action, filtered, started, self._period)
+        return seen.astype(np.float32), HybridMemory(teacher, base_action, np.zeros(rows), (), filtered, action)
+
+    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the teacher's action; see `Hybrid.base_action`."""
+        return _late_action(self.controller, memory)
+
+    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
+        applied, after = self._applied(action, memory) if self._teaches else (action, memory)
+        return applied, after._replace(action=action)
 
 
 class _Correction(Hybrid):
@@ -292,7 +347,17 @@ class BandwidthScheduling(_Correction):
         return applied, HybridMemory(updated, applied, memory.anomaly_score)
 
 
-HYBRIDS: dict[str, type[Hybrid]] = {kind.kind: kind for kind in (EstimateOnly, ResidualAction, BandwidthScheduling)}
+def _late_action(base: Any, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+    """Return the action of a base controller that has only estimated so far, and the memory with it."""
+    if not isinstance(base, OutputFeedback):
+        return memory.base_action, memory
+    action, updated = base.control(memory.controller)
+    return action, memory._replace(controller=updated)
+
+
+HYBRIDS: dict[str, type[Hybrid]] = {
+    kind.kind: kind for kind in (EstimateOnly, MemoryOnly, ResidualAction, BandwidthScheduling)
+}
 
 
 def hybrid_from_data(data: Any) -> Hybrid:

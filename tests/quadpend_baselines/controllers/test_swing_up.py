@@ -11,6 +11,7 @@ from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation, State
 from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.scenarios import SCENARIOS
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.recovery import settling_times
 
@@ -30,7 +31,9 @@ def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> Non
     assert_allclose(following, states[1:], atol=2e-6)
 
 
+@pytest.mark.parametrize("vehicle", [(), ("hummingbird", "body_rates")], ids=["paper", "hummingbird"])
 @pytest.mark.parametrize(("name", "share"), [("swing_up", 0.99), ("swing_up_breeze", 0.95)])
-def test_hanging_pendulums_are_upright_within_five_seconds(name: str, share: float) -> None:
-    results = run_episodes([controller("swing-up")], name, 100, 1_000_000)
+def test_hanging_pendulums_are_upright_within_five_seconds(name: str, share: float, vehicle: tuple[str, ...]) -> None:
+    scenario = SCENARIOS[name].with_vehicle(*vehicle)
+    results = run_episodes([controller("swing-up")], scenario, 100, 1_000_000)
     assert np.mean(settling_times(results.survived, results.error, 0.01) <= 5.0) >= share

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import lru_cache
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -31,7 +32,9 @@ from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import PAPER, Parameters, Reference, Simulation, StartSettings, Task
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
+from quadpend_gym.scenarios import SCENARIOS
 from quadpend_gym.sensors import Noise
+from quadpend_gym.wind import Constant
 from tests.helpers.controllers import (
     CALM,
     disturbance_of,
@@ -185,3 +188,20 @@ def test_observation_of_an_estimate_inverts_measurement_from_observation() -> No
     measured = measurement_from_observation(observation, PAPER.rod_length)
     assert_allclose(observation_of(measured, PAPER.rod_length), observation, atol=3e-6)
     assert_array_equal(observation_of(measured, PAPER.rod_length)[:, 18:], observation[:, 18:])
+
+
+@pytest.mark.parametrize("angle", [2.4, 3.1])
+def test_wind_is_estimated_while_the_pendulum_hangs(angle: float) -> None:
+    """If all states are measured; they are the estimate then. The pendulum swings from an angle (rad) for 0.3 s."""
+    force = (0.2, -0.1, 0.15)
+    env = gym.make_vec("quadpend_gym:QuadPendulum-v0", 2, scenario=SCENARIOS["swing_up"], wind=Constant(force=force))
+    state = {"direction": (np.sin(angle), 0.0, np.cos(angle)), "position": (0.0, 0.0, 3.0)}
+    observation, _ = env.reset(seed=1, options={"state": state})
+    observer = Estimator(GAINS["lqr"].estimator, Simulation())
+    estimate = observer.observe(measurement_from_observation(observation, PAPER.rod_length))
+    for _ in range(30):
+        observation, *_ = env.step(np.zeros((2, 4), np.float32))
+        measurement = measurement_from_observation(observation, PAPER.rod_length)
+        estimate = observer.observe(measurement, estimate, np.zeros((2, 4), np.float32))
+    assert_allclose(estimate.disturbance[:, :3], [force, force], atol=0.03)
+    assert_array_equal(estimate.state, measurement.state)

@@ -67,6 +67,13 @@ def test_a_video_shows_the_requested_part_at_the_requested_speed(ending: str, tm
     assert [path.name for path in out.parent.iterdir()] == [out.name]
 
 
+def test_one_policy_flies_several_vehicles_side_by_side(tmp_path: Path) -> None:
+    scenarios = tuple(f"flight_breeze@{vehicle}" for vehicle in ("hummingbird", "crazyflie"))
+    watch(("lqg",), scenarios, SEED, VideoOptions(tmp_path / "two.png", SIZE, seconds=(0.0, 0.2)))
+    with Image.open(tmp_path / "two.png") as picture:
+        assert picture.size == SIZE
+
+
 def test_the_window_plays_to_the_end_and_waits_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     pygame.display.quit()  # another test may have opened a display with another driver
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
@@ -108,8 +115,9 @@ def test_a_window_without_a_screen_is_an_error_before_any_episode_runs(monkeypat
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"policies": ()}, "policies must be one to three, not 0"),
-        ({"scenarios": ("calm", "windy")}, "scenarios must be one scenario to watch, not 2: calm, windy"),
+        ({"policies": ()}, "not 0 policies in 1 scenarios"),
+        ({"policies": ("lqr", "lqg"), "scenarios": ("calm", "windy")}, "not 2 policies in 2 scenarios: calm, windy"),
+        ({"scenarios": ("calm", "as_flown")}, "must have the same control period, not 0.01, 0.02 s"),
         ({"out": Path("video.avi")}, r"\.mp4, \.gif, \.webp, \.png, not be 'video.avi'"),
         ({"seconds": (3.0, 2.0)}, r"2 finite numbers from 0 to .* s, not \(3.0, 2.0\)"),
         (

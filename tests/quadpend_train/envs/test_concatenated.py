@@ -80,7 +80,7 @@ def test_rows_equal_the_rows_of_the_parts(seed: Any) -> None:
     ("other", "names"),
     [
         (lambda: make_wrapped_vec(2, [OUTPUTS]), "must have the same observation space"),
-        (lambda: make_vec(2, period=0.02), "must have the same nominal simulation"),
+        (lambda: make_vec(2, period=0.02), "must have the same interface and control period"),
     ],
     ids=["observations", "simulations"],
 )

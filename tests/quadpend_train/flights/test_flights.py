@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from experiments.identification import LISTED, random_vehicle
-from experiments.simulated_logs import Noise, simulated_log
+from experiments.simulated_logs import Noise, manoeuvre, simulated_log
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.vehicles import Vehicle
 from quadpend_gym.vehicles.vehicle import as_vehicle
@@ -45,6 +45,12 @@ def test_a_replay_of_an_exact_log_repeats_it() -> None:
     windows = windows_of(log, 0.5, 0.1)
     motion = fly(windows, vehicle, vehicle.rotors.thrust_coefficient, delay=0.5 * log.period)  # type: ignore[union-attr]
     assert np.abs(errors(motion, windows)[-1, :, 6:9]).max() < 5e-3  # rad; the velocities of the log are smoothed
+
+
+def test_a_simulated_vehicle_with_low_drag_follows_the_manoeuvre() -> None:
+    log = simulated_log(random_vehicle(0)[0], 0, EXACT, duration=8.0)
+    wanted = np.array([manoeuvre(i * log.period)[0] for i in range(len(log))])
+    assert np.linalg.norm(log.position - wanted, axis=1).max() < 1.0  # m; the drag acts 5 cm below the centre of mass
 
 
 def test_a_log_survives_its_csv_file(log: FlightLog, tmp_path: Path) -> None:
@@ -138,6 +144,7 @@ def test_training_takes_the_vehicle_and_its_ranges(found: Identification, tmp_pa
     assert len(scenarios) == 2  # divides the usual numbers of environments
     for scenario in scenarios.values():
         assert scenario.vehicle == again
+        assert scenario.period == 0.04
         assert scenario.parameters is not None
         assert scenario.loop is not None
         assert scenario.loop.rotor_lag is not None

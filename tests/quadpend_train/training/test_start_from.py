@@ -49,6 +49,17 @@ def test_training_starts_with_the_network_of_the_policy(settings: TrainSettings,
     assert changed == {name for name in arrays if name.startswith(actor)}
 
 
+def test_training_on_estimates_starts_with_a_policy_of_the_true_state(tmp_path: Path) -> None:
+    """The estimates of the disturbance are inputs without weight at first."""
+    start = train_policy(SHORTER, tmp_path)
+    observed = replace(SHORTER, hybrid=HybridSettings("lqr"), start_from=str(tmp_path), seed=1)
+    model = training.initial_model(observed)
+    (weights, _), (first, _) = training.export(model, **observed.policy_interface()).layers[0], start.layers[0]
+    assert weights[: len(first)].tolist() == first.tolist()
+    assert len(weights) > len(first)
+    assert not weights[len(first) :].any()
+
+
 def network(**changes: Any) -> dict[str, Any]:
     """Return the arguments of PPO with a network like that of `mlp_policy`."""
     return {**BRIEF.arguments, "policy_kwargs": {"net_arch": (8, 6), **changes}}

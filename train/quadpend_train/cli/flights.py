@@ -58,7 +58,7 @@ def identify(
     from quadpend_train.flights.identify import identify as identify_from
     from quadpend_train.flights.readers import read_log
     from quadpend_train.flights.replay import compare, table
-    from quadpend_train.flights.vehicle_file import write_vehicle
+    from quadpend_train.flights.vehicle_file import SETTINGS, write_vehicle
 
     start = as_vehicle(vehicle)
     found = identify_from([read_log(path, columns) for path in logs], start)
@@ -70,4 +70,5 @@ def identify(
     for sentence in [*found.sentences(), *doubts(Simulation(vehicle=found.vehicle, interface="body_rates"))]:
         print(f"Note: {sentence}.")
     training = write_vehicle(found, start, out)
-    print(f"Written: {out} and {training}\nTrain: quadpend train --scenarios {training}")
+    print(f"Written: {out} and {training}")
+    print(f"Train: quadpend train --settings {SETTINGS} --scenarios {training} --out runs/{out.stem}")

@@ -48,11 +48,11 @@ def watch(
     vehicle: str | None = None,
     interface: str | None = None,
 ) -> None:
-    """Show policies side by side in the same episode, in a window or in a file.
+    """Show up to four policies side by side in the same episode, or one policy in up to four scenarios.
 
     Args:
-        policies: One to three policies, as in evaluate; NAME=POLICY gives a policy a name.
-        scenarios: One scenario: a name, a TOML or JSON file, or JSON, as in evaluate.
+        policies: Policies, as in evaluate; NAME=POLICY gives a policy a name.
+        scenarios: Names, TOML or JSON files, or JSON, as in evaluate, with the same control period.
         seed: Seed of the episode.
         video: Options of the picture and of the video.
         vehicle: Vehicle of the scenario, as in evaluate.
@@ -62,12 +62,15 @@ def watch(
     from quadpend_train.evaluation.comparison import named_policies
     from quadpend_train.policies.loading import check_policy, load_policies
 
-    if not 1 <= len(policies) <= 3:
-        raise ValueError(f"policies must be one to three, not {len(policies)}")
     chosen = named_scenarios(scenarios, vehicle, interface)
-    if len(chosen) != 1:
-        raise ValueError(f"scenarios must be one scenario to watch, not {len(chosen)}: {', '.join(chosen)}")
-    (shown, found), *_ = chosen.items()
+    if not 1 <= len(policies) * len(chosen) <= 4 or min(len(policies), len(chosen)) > 1:
+        raise ValueError(
+            "watch shows one to four policies in one scenario, or one policy in up to four scenarios, not"
+            f" {len(policies)} policies in {len(chosen)} scenarios: {', '.join(chosen)}"
+        )
+    periods = {scenario.simulation.period for scenario in chosen.values()}
+    if len(periods) > 1:
+        raise ValueError(f"scenarios must have the same control period, not {', '.join(map(str, sorted(periods)))} s")
     check_pygame()
     if video.out:
         video.out.parent.mkdir(parents=True, exist_ok=True)
@@ -78,14 +81,18 @@ def watch(
     loaded = [(name, load_policies(str(policy))) for name, policy in named_policies(policies).items()]
     if several := [name for name, seeds in loaded if len(seeds) > 1]:
         raise ValueError(f"{several[0]} has several training seeds: choose one of them")
-    for name, seeds in loaded:
+    flights = [(*pair, *item) for pair in loaded for item in chosen.items()]
+    for name, seeds, shown, found in flights:
         check_policy(name, seeds[0], shown, found)
     if video.out is None:
         screen = open_window("quadpend watch", video.size)
         if is_headless():
             raise ValueError("there is no screen for a window: give --out, a file for the video")
-    period = found.simulation.period
-    recordings = [record_episode(name, seeds[0], found, seed) for name, seeds in loaded]
+    (period,) = periods
+    recordings = [
+        record_episode(name if len(chosen) == 1 else shown, seeds[0], found, seed)
+        for name, seeds, shown, found in flights
+    ]
     view = SideBySideView(recordings, period, video.seconds)
     if video.out is None:
         _play(view, screen, period, video.speed)

@@ -22,8 +22,8 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
         first = envs[0]
         if any(env.single_observation_space != first.single_observation_space for env in envs):
             raise ValueError("envs must have the same observation space")
-        if any(worlds(env)[0].simulation != worlds(first)[0].simulation for env in envs):
-            raise ValueError("envs must have the same nominal simulation")
+        if len({(world.simulation.interface, world.simulation.period) for env in envs for world in worlds(env)}) > 1:
+            raise ValueError("envs must have the same interface and control period")
         self.envs = list(envs)
         self.metadata = dict(first.metadata)
         self.num_envs = sum(env.num_envs for env in envs)
@@ -36,7 +36,7 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
 
     @property
     def world(self) -> Any:
-        """The world of the first environment; the nominal simulation is the same in all of them."""
+        """The world of the first environment."""
         return worlds(self.envs[0])[0]
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

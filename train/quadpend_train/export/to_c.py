@@ -19,6 +19,7 @@ from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.estimator import Estimator
+from quadpend_baselines.hybrid import MemoryOnly
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
@@ -128,6 +129,8 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
         raise ValueError(f"{name} cannot be written as C: only policies that balance an upright pendulum can")
     if not isinstance(policy, ADRC | OutputFeedback | MlpPolicy) or isinstance(law, Mppi | Nmpc):
         raise ValueError(f"{name} cannot be written as C: it is no network, ADRC, LQR, LQI, LQG, flatness or dual-mode")
+    if isinstance(policy, MlpPolicy) and isinstance(policy.hybrid, MemoryOnly):
+        raise ValueError(f"{name} cannot be written as C: networks on a memory of the measurements are not covered")
     if scenario.simulation.interface == "rotors" or any(isinstance(model, Rotors) for model in scenario.actuators):
         raise ValueError("C files command thrust with torques or body rates: choose another --scenario without rotors")
     if any(isinstance(model, Delay) for model in scenario.sensors):

@@ -159,9 +159,12 @@ def errors(motion: Any, windows: Windows, steps: Any = slice(None)) -> Any:
     `steps` selects steps of the windows.
     """
     log, at, motion = windows.log, windows.samples[steps], motion[steps]
-    flown = Rotation.from_quat(motion[..., 6:10].reshape(-1, 4), scalar_first=True)
-    logged = Rotation.from_quat(log.quaternion[at].reshape(-1, 4), scalar_first=True)
-    attitude = (logged.inv() * flown).as_rotvec().reshape(*at.shape, 3)
+    logged, flown = log.quaternion[at], motion[..., 6:10]
+    v, w = logged[..., 1:], flown[..., 1:]
+    turn = logged[..., :1] * w - flown[..., :1] * v - np.cross(v, w)  # vector part of the rotation from log to motion
+    sine, cosine = np.linalg.norm(turn, axis=-1, keepdims=True), (logged * flown).sum(axis=-1, keepdims=True)
+    half = np.arctan2(np.copysign(sine, cosine), np.abs(cosine))
+    attitude = 2.0 * half / np.maximum(sine, 1e-12) * turn
     linear = motion[..., :6] - np.concatenate([log.position[at], log.velocity[at]], axis=-1)
     return np.concatenate([linear, attitude, motion[..., 10:] - log.rate[at]], axis=-1)
 

@@ -1,7 +1,7 @@
 """The files of an identification: the vehicle with the source and interval of each number, and scenarios for training.
 
-The two scenarios have calm air and wind, and draw inertia, thrust and rotor lag for each episode: from the intervals
-of what the logs show, within ± 30 % of what they do not show.
+The two scenarios have calm air and a fluctuating force, act at 25 Hz, and draw inertia, thrust and rotor lag for each
+episode: from the intervals of what the logs show, within ± 30 % of what they do not show.
 """
 
 from pathlib import Path
@@ -15,6 +15,8 @@ from quadpend_train.flights.identify import QUANTITIES, Estimate, Identification
 
 _UNKNOWN = 0.3  # half width of the range of what the logs do not show, as a share
 _LEAST = 0.02  # half width of every range: models are not exact
+_WIND = 0.045  # fluctuating force on each axis as a share of the weight, as in `hummingbird_windy`
+SETTINGS = "ppo-flight"  # preset for a first training in the scenarios
 
 
 def write_vehicle(found: Identification, start: Vehicle, path: Path) -> Path:
@@ -83,13 +85,18 @@ def training_text(found: Identification, path: Path) -> str:
     ranges = [f"{name} = {_around(value, shares[name])}" for name, value in zip(names, roll_pitch_yaw, strict=True)]
     loop = found.vehicle.rate_loop.time_constant / max(rotors_of(found.vehicle).lag_up, 1e-9)
     lag = min(1.0 + shares["lag"], 2.0 * loop)  # the rate loop must not be faster than half the lag
-    scenarios = [f'[scenarios.{path.stem}_{wind}]\nwind = "{wind}"\n' for wind in ("calm", "windy")]
+    force = f'{{kind = "ornstein_uhlenbeck", force = {_WIND * found.vehicle.weight:.3g}}}  # N'
+    winds = {"calm": '"calm"', "windy": force}
+    scenarios = [f"[scenarios.{path.stem}_{name}]\nwind = {wind}\n" for name, wind in winds.items()]
     return "\n".join(
         [
-            f"# Training on {path.name} and its uncertainty: quadpend train --scenarios {path.stem}-training.toml",
+            f"# Training on {path.name} and its uncertainty:",
+            f"# quadpend train --settings {SETTINGS} --scenarios {path.stem}-training.toml --out runs/{path.stem}",
             "[defaults]",
             f'vehicle = "{path.as_posix()}"',
             'interface = "body_rates"',
+            "period = 0.04  # s; learning needs fewer steps than at 100 Hz",
+            "substeps = 8",
             "[defaults.parameters]  # kg·m²",
             *ranges,
             "[defaults.loop]  # factors",

@@ -61,7 +61,7 @@ class Card:
     input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()  # s of the inputs [x, tanh(s₁ x), tanh(s₂ x), …]
     normalization: Normalization | None = None  # of the inputs
     interface: Literal["wrench", "rotors", "body_rates"] | None = None  # what an action commands; None: unknown
-    vehicle: str | None = None  # of the training; None: the paper's
+    vehicle: str | None = None  # of the training; "any": several; None: the paper's
 
 
 class MlpMemory(NamedTuple):
@@ -128,7 +128,7 @@ class MlpPolicy(Policy):
         if scenario.task.pendulum == "hanging":
             raise ValueError(NO_HYBRID)
         other = copy(self)
-        other.hybrid = self.hybrid.designed_for(scenario.simulation, Loop.known(scenario))
+        other.hybrid = self.hybrid.flown_in(scenario.simulation, Loop.known(scenario))
         return with_velocities(other, scenario)
 
     def predict(
@@ -160,8 +160,8 @@ class MlpPolicy(Policy):
         return action.reshape(*observation.shape[:-1], ACTION_SIZE), memory._replace(hybrid=hybrid)
 
     def estimated_disturbance(self, memory: Any) -> Floats:
-        """Return the base controller's estimate of the disturbance, shape (n, 9); nan without base controller."""
-        if self.hybrid is None:
+        """Return the base controller's estimate of the disturbance, shape (n, 9); nan if none flies."""
+        if self.hybrid is None or not memory.hybrid.controller:
             return super().estimated_disturbance(memory)
         return np.asarray(self.hybrid.controller.estimated_disturbance(memory.hybrid.controller))
 
@@ -203,5 +203,5 @@ def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
             f"the policy was trained with the interface {trained!r}, but the simulation has the interface {interface!r}"
         )
     vehicle = simulation.vehicle.name
-    if (own := card.get("vehicle") or "paper") != vehicle:
+    if (own := card.get("vehicle") or "paper") not in (vehicle, "any"):
         logger.warn("a policy trained on the vehicle %s flies the vehicle %s", own, vehicle)

@@ -17,7 +17,7 @@ from quadpend_train.common.files import atomic
 from quadpend_train.evaluation.recording import Recording
 from quadpend_train.reports import figures
 
-COLOURS = (palette.VERMILLION, palette.VIOLET, palette.BROWN)  # of the policies, from the left
+COLOURS = (palette.VERMILLION, palette.VIOLET, palette.BROWN, palette.BLUE)  # of the recordings, from the left
 _TRUE_WIND = blend(palette.WIND, palette.WHITE, 0.35)
 _CHART_HEIGHT = 0.3  # share of the height of the view
 _SMALLEST_ERROR = 1.0  # mm, lower end of the error chart
@@ -25,7 +25,7 @@ _DPI = 100  # pixels per inch of the charts
 
 
 class SideBySideView:
-    """A view of one to three recordings of the same episode, side by side, above charts.
+    """A view of one to four recordings, side by side, above charts.
 
     `period` is the time between two snapshots, and `seconds` are begin and end of the part of the episode to show, s.
 

@@ -6,6 +6,7 @@ Training can start from the network of a learned policy, `start_from`.
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from quadpend_train.common.text import brief
@@ -38,7 +39,7 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
         model = kind("MlpPolicy", env, tensorboard_log=log, seed=settings.seed, device="cpu", **arguments)
     except AssertionError as error:  # Stable-Baselines3 checks the action space and some arguments this way
         raise ValueError(f"algo {settings.algo!r} refuses its environment or its arguments: {error}") from error
-    if settings.hybrid.mode != "estimate_only":  # a hybrid starts close to its base controller
+    if not settings.hybrid.mode.endswith("_only"):  # a hybrid starts close to its base controller
         layer = linear_layers(model)[-1]
         with torch.no_grad():
             layer.weight *= 0.1
@@ -71,6 +72,9 @@ def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:
 def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None:
     """Copy the network of the policy `start_from`, or of its copy if that exists, to the actor of a model."""
     policy = MlpPolicy.load(copied) if copied and copied.is_file() else start_policy(settings)
+    hybrid = settings.hybrid
+    if policy.hybrid is None and hybrid.base_controller and hybrid.mode == "estimate_only" and not hybrid.deviations:
+        policy = _with_inputs(policy, linear_layers(model)[0].in_features, settings.policy_interface())
     try:
         check_interface(policy.card, next(iter(settings.found().values())).simulation)
     except ValueError as error:
@@ -86,6 +90,13 @@ def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None
         for layer, (weights, biases) in zip(linear_layers(model), policy.layers, strict=True):
             layer.weight.copy_(torch.as_tensor(weights.T))
             layer.bias.copy_(torch.as_tensor(biases))
+
+
+def _with_inputs(policy: MlpPolicy, inputs: int, interface: dict[str, Any]) -> MlpPolicy:
+    """Return a policy with further inputs, which have no weight, behind its own."""
+    (weights, biases), *others = policy.layers
+    more = np.zeros((inputs - len(weights), len(biases)), np.float32)
+    return MlpPolicy([(np.concatenate([weights, more]), biases), *others], policy.card | interface)
 
 
 def _compared(policy: MlpPolicy) -> dict[str, Any]:

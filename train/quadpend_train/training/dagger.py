@@ -26,7 +26,6 @@ from quadpend_train.policies.sb3_models import is_on_policy, linear_layers
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings
 
-_ROUNDS = 10
 _PASSES = 0.4, 4.0  # gradient steps in a round and in the last round, as passes over the labels of all rounds
 _BATCH_SIZE = 1024
 _LEARNING_RATES = 5e-3, 1e-5  # of Adam at the beginning and at the end, geometric interpolation in between
@@ -44,17 +43,18 @@ class Imitation:
         self.optimizer = torch.optim.Adam(parameters, lr=_LEARNING_RATES[0])
         self.episode = settings.max_episode_steps or max(item.steps for item in settings.found().values())
         self.wrappers = hybrid_wrappers(env.env)
-        steps = max(settings.hybrid.imitation_timesteps // (_ROUNDS * env.num_envs), 1)
+        self.rounds = rounds = settings.hybrid.imitation_rounds
+        steps = max(settings.hybrid.imitation_timesteps // (rounds * env.num_envs), 1)
         self.labels = steps * env.num_envs  # of a round
         size = env.observation_space.shape[0]  # type: ignore[index]
-        self.observations = np.empty((_ROUNDS * self.labels, size), np.float32)
-        self.actions = np.empty((_ROUNDS * self.labels, 4), np.float32)
+        self.observations = np.empty((rounds * self.labels, size), np.float32)
+        self.actions = np.empty((rounds * self.labels, 4), np.float32)
         self.observation: Any = None  # the next one
 
     def fit(self) -> None:
         """Fly and fit in all rounds."""
-        passes = [_PASSES[0]] * (_ROUNDS - 1) + [_PASSES[1]]
-        for number in range(_ROUNDS):
+        passes = [_PASSES[0]] * (self.rounds - 1) + [_PASSES[1]]
+        for number in range(self.rounds):
             first, last = number * self.labels, (number + 1) * self.labels
             if number == 0:
                 self._fly_teacher()

@@ -29,8 +29,8 @@ def concatenate_scenarios(
 ) -> VectorEnv[Any, Any, Any]:
     """Return one vector environment with an equal number of sub-environments of each scenario and same-step autoreset.
 
-    Neighbouring scenarios share a hybrid if they have the same delays and lags, which base controllers know as in
-    evaluation. The scenarios have the same observation and nominal simulation.
+    Neighbouring scenarios share a hybrid if they have the same nominal simulation, delays and lags, which base
+    controllers know as in evaluation. The scenarios have the same observation.
     """
     share = num_envs // len(scenarios)
     envs = [
@@ -39,8 +39,9 @@ def concatenate_scenarios(
     if not hybrid:
         return _concatenated(envs)
     made, pairs = hybrid_from_data(hybrid), zip(scenarios, envs, strict=True)
-    groups = [(loop, [env for _, env in group]) for loop, group in groupby(pairs, lambda pair: Loop.known(pair[0]))]
-    return _concatenated([VectorHybridWrapper(_concatenated(group), made, loop) for loop, group in groups])
+    groups = groupby(pairs, lambda pair: (pair[0].simulation, Loop.known(pair[0])))
+    parts = [(_concatenated([env for _, env in group]), loop) for (_, loop), group in groups]
+    return _concatenated([VectorHybridWrapper(env, made, loop) for env, loop in parts])
 
 
 def _concatenated(envs: Sequence[VectorEnv[Any, Any, Any]]) -> VectorEnv[Any, Any, Any]:

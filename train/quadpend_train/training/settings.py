@@ -37,9 +37,10 @@ class HybridSettings:
 
     base_controller: str = ""
     """Name of the base controller; empty for a policy without a base controller."""
-    mode: Literal["estimate_only", "residual_action", "bandwidth_scheduling"] = "estimate_only"
-    """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. residual_action: it
-    is added to the base controller's action. bandwidth_scheduling: it scales the base controller's bandwidths."""
+    mode: Literal["estimate_only", "memory_only", "residual_action", "bandwidth_scheduling"] = "estimate_only"
+    """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. memory_only: it acts
+    alone, on a memory of the measurements, and the base controller is its teacher. residual_action: it is added to the
+    base controller's action. bandwidth_scheduling: it scales the base controller's bandwidths."""
     situation: bool = False
     """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
     estimate_only."""
@@ -63,17 +64,22 @@ class HybridSettings:
     multiplied by 0.01 s / control period, so that it has the same weight at any control period."""
     imitation_timesteps: Annotated[int, Range(0, 1e12)] = 0
     """Timesteps before training in which the policy imitates the base controller (DAgger)."""
+    imitation_rounds: Annotated[int, Range(1, 1000)] = 10
+    """Rounds of the imitation, each a flight and a fit."""
 
     def __post_init__(self) -> None:
-        alone = self.mode == "estimate_only"
-        observed = any(getattr(self, name) for name in _INPUTS) or self.imitation_timesteps
+        alone = self.mode.endswith("_only")
+        observed = any(getattr(self, name) for name in _INPUTS)
         applied = self.action_repeat > 1 or self.fallback_gain
-        if not self.base_controller and (not alone or observed or applied or self.baseline_relative_reward):
+        used = observed or applied or self.imitation_timesteps or self.baseline_relative_reward
+        if not self.base_controller and (self.mode != "estimate_only" or used):
             raise ValueError("a hybrid needs a base_controller")
-        if observed and not alone:
-            raise ValueError("situation, deviations, innovations and imitation_timesteps need the mode 'estimate_only'")
+        if observed and self.mode != "estimate_only":
+            raise ValueError("situation, deviations and innovations need the mode 'estimate_only'")
+        if self.imitation_timesteps and not alone:
+            raise ValueError("imitation_timesteps needs the mode 'estimate_only' or 'memory_only'")
         if applied and alone:
-            raise ValueError("action_repeat and fallback_gain need another mode than 'estimate_only'")
+            raise ValueError("action_repeat and fallback_gain need a mode in which the base controller flies")
         if self.failure_penalty and not self.baseline_relative_reward:
             raise ValueError("failure_penalty needs baseline_relative_reward")
 
@@ -82,7 +88,7 @@ class HybridSettings:
         if not self.base_controller:
             return None
         data = {"kind": self.mode, "base_controller": self.base_controller}
-        if self.mode == "estimate_only":
+        if self.mode.endswith("_only"):
             return data | {name: True for name in _INPUTS if getattr(self, name)}
         return {**data, "action_scale": self.action_scale, "fallback_gain": self.fallback_gain}
 
@@ -139,8 +145,8 @@ class TrainSettings:
     """Timesteps of the whole training."""
     start_from: str = ""
     """Learned policy whose network training starts from: the name of a policy of this package, a run folder, or a file
-    (.npz or .zip). Its network, hybrid and interface must be those of the settings. The critic starts
-    untrained."""
+    (.npz or .zip). Its network, hybrid and interface must be those of the settings, except that one of the true state
+    also starts one of estimates, whose further inputs begin without weight. The critic starts untrained."""
     max_seconds: Annotated[float, Range(0.0, 1e9, "s")] = 0.0
     """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit. An imitation
     ends first, and the last evaluation and the score come after it."""

@@ -188,11 +188,12 @@ def _final_policy(
     """Return the policy of a finished run with its card."""
     policy = MlpPolicy.load(folder / BEST) if curve else export(model, **settings.policy_interface())
     survival, rmse = validate(policy, settings, CARD_SEED)
-    simulation = next(iter(settings.found().values())).simulation  # all scenarios have the same
+    simulations = [scenario.simulation for scenario in settings.found().values()]
+    vehicles = {simulation.vehicle.name for simulation in simulations}
     card = {
         **policy.card,
-        "interface": simulation.interface,
-        "vehicle": simulation.vehicle.name,
+        "interface": simulations[0].interface,
+        "vehicle": vehicles.pop() if len(vehicles) == 1 else "any",
         "settings": to_mapping(settings),
         "seed": settings.seed,
         "steps": model.num_timesteps,

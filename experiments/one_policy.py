@@ -1,0 +1,54 @@
+"""docs/one-policy/tables.md: one network for every vehicle, beside lqg and networks that were trained for one vehicle.
+
+    python -m experiments.one_policy --jobs 2      # 100 episodes in each scenario, seeds from 1000000
+
+`dagger-vehicles` is told nothing but the measurements; `lqg` knows every vehicle. The networks for one vehicle have its
+preset with one scenario and a quarter of the labels. They are trained once, in runs/one-policy/.
+"""
+
+from pathlib import Path
+
+from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
+from quadpend_gym.scenarios import find_scenarios
+from quadpend_gym.vehicles import VEHICLES
+from quadpend_train.evaluation.comparison import compare
+from quadpend_train.evaluation.formatting import markdown_table
+from quadpend_train.training.settings import read_settings, with_values
+from quadpend_train.training.train import train_or_resume
+
+PRESET, OPPONENT, RUNS = "dagger-vehicles", "lqg", Path("runs/one-policy")
+KNOWN = tuple(name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid")
+UNSEEN = "random:1001", "random:1002"
+OWN = "hummingbird", "skydio-x2", "racer"  # vehicles with a network of their own
+AIR = {"calm": "vehicles_calm", "wind": "vehicles_windy"}
+
+
+def own_policy(vehicle: str) -> str:
+    """Return the path of the network that is trained for one vehicle only."""
+    folder, settings = RUNS / vehicle, read_settings(PRESET)
+    if not (folder / "policy.npz").is_file():
+        fewer = {"hybrid.imitation_timesteps": 1_000_000, "hybrid.imitation_rounds": 10}
+        train_or_resume(with_values(settings, {"scenarios": (f"vehicles_training@{vehicle}",), **fewer}), folder)
+    return str(folder)
+
+
+def main() -> None:
+    """Train what is missing, fly, and fill the table."""
+    given, rows = options(__doc__, episodes=100), []
+    for vehicle in (*KNOWN, *UNSEEN):
+        own = {"own": own_policy(vehicle)} if vehicle in OWN else {}
+        names = [OPPONENT, f"one={PRESET}-0", *(f"own={path}" for path in own.values())]
+        scenarios = {air: found for air, name in AIR.items() for found in find_scenarios(f"{name}@{vehicle}").values()}
+        made = compare(names, scenarios, given.episodes, given.seed, CACHE, jobs=given.jobs)
+        for air in AIR:
+            cells = {name: made.summaries[air, name] for name in made.policies}
+            errors = {name: cell["settled_rmse"].value for name, cell in cells.items()}
+            ratio = f"{errors['one'] / errors['own']:.2f}" if own else ""
+            numbers = [with_survival(f"{errors[name]:.3g}", cells[name]) for name in cells]
+            rows.append([vehicle, air, *numbers, *([] if own else [""]), ratio])
+    table = markdown_table(["vehicle", "air", "lqg", "one network", "network of its own", "one / own"], rows)
+    fill(DOCS / "one-policy/tables.md", {"vehicles": f"{made_by('one_policy', given.episodes, given.seed)}\n\n{table}"})
+
+
+if __name__ == "__main__":
+    main()

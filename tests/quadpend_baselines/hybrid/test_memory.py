@@ -1,0 +1,58 @@
+"""Measurements and a memory of them as inputs of a network, and their teacher."""
+
+import numpy as np
+
+from quadpend_baselines import controller
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.hybrid import MemoryOnly, VectorHybridWrapper
+from quadpend_gym.scenarios import find_scenario
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
+from tests.helpers.envs import make_vec
+
+SHARES = (1.0 - np.exp(-0.01 / np.array([0.02, 0.06, 0.2, 0.6, 2.0])))[:, np.newaxis]
+
+
+def test_the_filters_follow_measurements_and_actions_and_begin_anew() -> None:
+    env, hybrid, memory = make_vec(2, wind="windy"), MemoryOnly(), None
+    observation, last = env.reset(seed=0)[0], np.zeros((2, 5, 12))
+    for step in range(40):
+        started = np.array([step == 0, step in (0, 30)])
+        seen, memory = hybrid.observe(observation, memory, started)
+        now = seen[:, :12].astype(np.float64)
+        np.testing.assert_allclose(now[:, 2], observation[:, 2] * 0.5 / 0.05, rtol=1e-5)
+        last[started] = now[started, np.newaxis]
+        last = last + SHARES * (now[:, np.newaxis] - last)
+        np.testing.assert_allclose(seen[:, -60:].reshape(2, 5, 12), now[:, np.newaxis] - last, rtol=1e-3, atol=1e-4)
+        assert (now[started, 8:] == 0.0).all()
+        action, memory = hybrid.act(0.1 * env.action_space.sample(), memory)
+        observation, *_ = env.step(action)
+    assert np.abs(last).max() > 0.01
+
+
+def test_the_inputs_do_not_depend_on_the_heading_and_need_no_velocities() -> None:
+    observation = make_vec(1, wind="windy").reset(seed=0)[0]
+    turned, start = observation.copy(), np.ones(1, np.bool_)
+    sine, cosine = np.sin(0.7), np.cos(0.7)
+    for first in (0, 6, *range(18, 33, 3)):
+        x, y = observation[0, first : first + 2]
+        turned[0, first : first + 2] = cosine * x - sine * y, sine * x + cosine * y
+    turned[0, 33] += 0.7
+    expected = MemoryOnly().observe(observation, None, start)[0]
+    np.testing.assert_allclose(MemoryOnly().observe(turned, None, start)[0], expected, atol=1e-5)
+    without = observation[:, OUTPUT_FEEDBACK_COLUMNS]
+    np.testing.assert_array_equal(MemoryOnly().observe(without, None, start)[0], expected)
+
+
+def test_a_designed_hybrid_teaches_what_its_base_controller_does_and_a_flown_one_has_no_teacher() -> None:
+    scenario = find_scenario("vehicles_windy@racer")
+    env = VectorHybridWrapper(scenario.make_vec(3), MemoryOnly(), Loop.known(scenario))
+    teacher, inner, memory = controller("lqg").adapt(scenario), scenario.make_vec(3), None
+    env.reset(seed=1)
+    plain = inner.reset(seed=1)[0]
+    for step in range(30):
+        expected, memory = teacher.predict(plain, memory, np.full(3, step == 0))
+        np.testing.assert_allclose(env.base_action, expected, atol=1e-6)
+        env.step(env.base_action)
+        plain = inner.step(expected)[0]
+    flown = MemoryOnly().flown_in(scenario.simulation, Loop())
+    assert flown.observe(plain, None, np.ones(3, np.bool_))[1].controller == ()
