@@ -57,7 +57,6 @@ def evaluate(
 
     from quadpend_train.reports import report, tables
 
-    print("What flies for the first time is compiled first, for up to 3 minutes …", file=sys.stderr)
     made = report.evaluate(
         policies,
         named_scenarios(scenarios, vehicle, interface, autopilot),
