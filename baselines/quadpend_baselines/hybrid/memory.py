@@ -1,6 +1,6 @@
 """What a policy that is told nothing about its vehicle observes: the measurements, and a memory of them.
 
-The memory is a set of first-order filters. In control step k, x = (m, a_{k−1}) are the measured values and the last action:
+The memory is a set of first-order filters of the measured values m and the last action. With x = (m, a_{k−1}),
 
     (1)  f_k = f_{k−1} + (1 − e^{−T/τ}) (x_k − f_{k−1}),     τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   f = x at the start
 
@@ -16,6 +16,8 @@ wind and biases ask for in the mean: what tells one vehicle from another.
 
 Horizontal vectors are in the axes of the heading.
 """
+
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +54,7 @@ def memory_inputs(
         x, y, z = read_observation(observation, name).T
         return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, z])
 
-    seen = [turned("tracking_error"), turned("direction")[:, :2], attitude, action]
+    seen: list[Any] = [turned("tracking_error"), turned("direction")[:, :2], attitude, action]
     x = np.column_stack(seen) / _SCALE
     last = np.tile(x, len(_TIMES))
     if remembered is not None:

@@ -38,8 +38,8 @@ class HybridSettings:
     base_controller: str = ""
     """Name of the base controller; empty for a policy without a base controller."""
     mode: Literal["estimate_only", "memory_only", "residual_action", "bandwidth_scheduling"] = "estimate_only"
-    """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. memory_only: it acts
-    alone, on a memory of the measurements, and the base controller is its teacher. residual_action: it is added to the
+    """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. memory_only: it
+    acts alone, on a memory of the measurements; the base controller is its teacher. residual_action: it is added to the
     base controller's action. bandwidth_scheduling: it scales the base controller's bandwidths."""
     situation: bool = False
     """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
