@@ -40,22 +40,13 @@ _UNITS = {"force": "N", "bob_force": "N", "torque": "N·m", "velocity": "m/s"}
 
 # Models in docs/models.md, by the name of their picture.
 GALLERY = {
-    "constant": '{"kind": "drawn", "wind": {"kind": "constant", "force": [0.3, 0, 0]}, "strength": [0.5, 1.5]}',
-    "sinusoid": '{"kind": "sinusoid", "force": [0.3, 0.2, 0], "frequency": 2.0}',
-    "gusts": '{"kind": "gusts", "velocity": [6, 0, 0]}',
     "ornstein_uhlenbeck": '{"kind": "ornstein_uhlenbeck", "force": 0.3}',
     "dryden": "dryden",
     "von_karman": "von_karman",
-    "paper_gusts": "paper",
-    "storm": "storm",
     "noise": '{"kind": "noise", "position": {"white": 0.001, "bias": 0.003}, "direction": {"quantum": 0.01}}',
-    "delay": '{"kind": "delay", "steps": 10}',
-    "dropout": '{"kind": "dropout", "probability": 0.7}',
     "sample_hold": '{"kind": "sample_hold", "period": 0.1}',
-    "action_delay": '{"kind": "action_delay", "steps": 5}',
     "motor_lag": "motor_lag",
     "rate_limit": '{"kind": "rate_limit", "rate": 10.0}',
-    "packet_loss": '{"kind": "packet_loss", "probability": 0.5}',
     "gyro_bias": '{"kind": "gyro_bias", "deviation": 1.0}',
     "rotors": "rotors",
 }

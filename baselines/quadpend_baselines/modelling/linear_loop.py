@@ -21,7 +21,7 @@ from numpy.linalg import eigvals
 from scipy.optimize import brentq
 
 from quadpend_baselines.modelling.linear_model import EULER, EULER_RATE, MODEL_STATE_SIZE, STATE_COLUMNS
-from quadpend_baselines.policy.protocol import Policy, select_rows
+from quadpend_baselines.policy.protocol import select_rows
 from quadpend_gym import Simulation, engines
 from quadpend_gym.actuators import ActionDelay, MotorLag, Rotors, lag_shares, mixing
 from quadpend_gym.core.arrays import Floats
@@ -199,18 +199,19 @@ def _first(growth: Callable[[float], float], gains: Floats) -> float | None:
     return None
 
 
-def linear_policy(policy: Policy, scenario: Scenario) -> Any:
+def linear_policy(policy: Any, scenario: Scenario) -> Any:
     """Return the linear model of a policy from the measurements to the actions, a `control.StateSpace`; None: none.
 
     It is the central difference of `predict` and of the memory that it returns, at the memory after 1.5 s at hover. A
     policy has no linear model if it does not stay at hover, such as a network whose action there is not zero, or if the
-    difference depends on its step, for example because of a sign or a random number.
+    difference depends on its step, for example because of a sign or a random number. The memory must be None, an array
+    of floats with one row for each observation, or tuples of these, nested to any depth.
 
     Args:
-        policy: The policy, already adapted to the scenario.
+        policy: The policy, already adapted to the scenario, or any object with its `predict`.
         scenario: Defines what is measured.
     """
-    if not policy.has_linear_model:
+    if not getattr(policy, "has_linear_model", True):
         return None
     measured = _measured(scenario)
     rest, slope = _observed("observation", scenario)

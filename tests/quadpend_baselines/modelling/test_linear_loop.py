@@ -79,7 +79,7 @@ class Proportional:
 
 def test_a_policy_of_a_user_has_a_linear_model_if_it_stays_at_hover() -> None:
     scenario = Scenario()
-    model = linear_policy(as_policy(Proportional(0.0)).adapt(scenario), scenario)
+    model = linear_policy(Proportional(0.0), scenario)
     assert (model.D != 0.0).sum() == 1
     assert linear_policy(as_policy(Proportional(0.1)).adapt(scenario), scenario) is None
 

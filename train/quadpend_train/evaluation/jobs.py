@@ -7,6 +7,7 @@ anew.
 
 import hashlib
 import json
+import sys
 from collections.abc import Hashable, Mapping
 from concurrent.futures import Executor
 from functools import lru_cache
@@ -77,6 +78,8 @@ def run_jobs(
             with atomic(path) as unfinished, unfinished.open("wb") as file:
                 np.savez(file, **result._asdict())
 
+    if missing:
+        print("What flies for the first time is compiled first, for up to 3 minutes …", file=sys.stderr)
     results |= run(missing, processes, done=save, finished=len(results))
     return {name: results[name] for name in jobs}
 

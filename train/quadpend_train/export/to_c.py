@@ -75,11 +75,11 @@ def export_c(
         more, network_tables, layers = _network(inner)
         functions, tables = {**functions, **more}, tables + network_tables
     turning = {"body_rates": ("rate", "rad/s"), "wrench": ("torque", "N m")}[simulation.interface]
-    vehicle = simulation.vehicle.name
+    vehicle, about = simulation.vehicle.name, (scenario.name, scenario.description)
     values = {
         "name": stem,
         "title": f"{out.with_suffix('.h').name}: the policy {name} for the vehicle {vehicle}.",
-        "description": f"It is designed for the scenario {scenario.name}: {scenario.description}.",
+        "description": f"It is designed for the scenario {': '.join(filter(None, about))}.",
         "period": repr(simulation.period),
         "latency": repr(simulation.latency),
         "interface": simulation.interface,
