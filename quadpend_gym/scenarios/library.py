@@ -141,7 +141,8 @@ def _scenarios(text: str) -> list[Scenario]:
 def refuse_held_out(names: Iterable[str]) -> None:
     """Raise ValueError for the name of a set that is for results only: not for training and not for tuning."""
     for name in names:
-        if name in SETS and not name.startswith("training"):
+        members = name.partition("@")[0]
+        if members in SETS and not members.startswith("training"):
             raise ValueError(f"scenarios cannot be {name!r}, which is held out: use 'training' or single scenarios")
 
 

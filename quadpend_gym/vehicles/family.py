@@ -1,6 +1,7 @@
 """Random vehicles, for policies that fly every vehicle: ``random:17`` is the one with the seed 17.
 
-Their numbers span those of the rigid presets. With log-uniform factors in brackets:
+Mass, pole length, lag and rate loop span those of the rigid presets; some presets have shorter arms, and less or more
+thrust, than any of these. With log-uniform factors in brackets:
 
 | quantity                         | value                                                                          |
 |----------------------------------|--------------------------------------------------------------------------------|
@@ -11,10 +12,11 @@ Their numbers span those of the rigid presets. With log-uniform factors in brack
 | time constant of the rate loop   | the lag, at least 20 ms, times [1, 1.4]                                        |
 | rates at an action of ±1         | [5, 12] rad/s about x and y, [2, 4] rad/s about z                              |
 | highest thrust                   | weight [2, 6]                                                                  |
-| pole, a uniform rod              | mass M [0.04, 0.12], full length [0.3 m or 9 m/s · time constant, 1.5 m]       |
+| pole, a uniform rod              | mass M [0.04, 0.12], diameter 10 mm, length [0.3 m or 9 m/s · time constant, 1.5 m]|
 | pivot                            | 0.3 a above the centre                                                         |
 | yaw torque per thrust            | 0.1 a [0.5, 1.5]                                                               |
-| drag of the rotors               | 0.4 1/s M along each axis                                                      |
+| drag of the rotors; of the body  | 0.4 1/s M along each axis; an area of 0.3 a²                                   |
+| lowest thrust of a rotor         | 0.02 M g                                                                       |
 """
 
 from typing import Any

@@ -21,6 +21,9 @@ force to it: other masses, but also slow vertical wind and errors of the thrust.
 but a law that takes the weight of a heavy vehicle for a downward wind overestimates the effect of the tilt on the
 pendulum. μ̂ scales the masses of quadrotor and pole, but not the moments of inertia.
 
+While a pendulum with measured rates is more than 72° from upright, x̂ is the measurement; d̂ is still corrected with the
+gain of an upright pendulum.
+
 Positions and velocities are relative to the reference, which accelerates. The prediction therefore subtracts the motion
 of the reference over a period, a polynomial of order 6. The state of a rigid vehicle includes the thrusts of its
 rotors, which are predicted without correction; f delays the action by the latency of the simulation.

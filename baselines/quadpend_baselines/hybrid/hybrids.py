@@ -74,7 +74,7 @@ class HybridMemory(NamedTuple):
 
     controller: Any  # memory of the base controller
     base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
-    anomaly_score: Floats  # q of equation (4), (n,); zeros with `EstimateOnly`
+    anomaly_score: Floats  # q of equation (4), (n,); zeros with a policy that acts alone
     situation: Any = ()  # `Situation`; empty for hybrids that do not observe it
     filtered: Any = ()  # f of `innovations` or `memory`; empty for hybrids that do not observe it
     action: Any = ()  # the last applied action, for `memory`
@@ -221,7 +221,7 @@ class EstimateOnly(Hybrid):
 class MemoryOnly(Hybrid):
     """Hybrid whose policy acts alone, equation (1), on the measurements and a memory of them, see `memory`.
 
-    It is told nothing about its vehicle. The base controller is its teacher: an imitation asks for `base_action`.
+    It gets no parameters of its vehicle. The base controller is its teacher: an imitation asks for `base_action`.
     """
 
     kind: ClassVar[str] = "memory_only"
@@ -239,6 +239,7 @@ class MemoryOnly(Hybrid):
     def flown_in(self, simulation: Simulation, loop: Loop) -> "Hybrid":
         """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
         other = copy(self)
+        object.__setattr__(other, "_teaches", False)
         object.__setattr__(other, "_period", simulation.period)
         return other
 
@@ -249,17 +250,17 @@ class MemoryOnly(Hybrid):
     def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         rows, started = len(observation), episode_start
-        none, last, filtered = np.zeros((rows, ACTION_SIZE), np.float32), None, None
+        none, filtered = np.zeros((rows, ACTION_SIZE), np.float32), None
+        action = none
         if memory is not None:
-            last, filtered = np.where(started[:, np.newaxis], none, memory.action), memory.filtered
+            action, filtered = np.where(started[:, np.newaxis], none, memory.action), memory.filtered
         base_action, teacher = self._update(observation, memory, started) if self._teaches else (none, ())
-        action = none if last is None else last
         seen, filtered = memory_inputs(observation, action, filtered, started, self._period)
         return seen.astype(np.float32), HybridMemory(teacher, base_action, np.zeros(rows), (), filtered, action)
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the teacher's action; see `Hybrid.base_action`."""
-        return _late_action(self.controller, memory)
+        return _late_action(self.controller, memory) if self._teaches else (memory.base_action, memory)
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the policy's action unchanged and the memory; see `Hybrid.act`."""

@@ -1,11 +1,11 @@
-"""What a policy that is told nothing about its vehicle observes: the measurements, and a memory of them.
+"""Inputs of a policy without parameters of its vehicle: the measurements, and a memory of them.
 
 The memory is a set of first-order filters of the measured values m and the last action. With x = (m, a_{k−1}),
 
     (1)  f_k = f_{k−1} + (1 − e^{−T/τ}) (x_k − f_{k−1}),     τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   f = x at the start
 
-x − f is about τ ẋ where x changes slowly, so that a network sees velocities, the response to its actions, and what
-wind and biases ask for in the mean: what tells one vehicle from another.
+x − f is about τ ẋ where x changes slowly. From it a network can infer velocities, the response to its actions, mean
+wind and biases.
 
 | part                                                                                | size | scale              |
 |-------------------------------------------------------------------------------------|------|--------------------|

@@ -79,7 +79,10 @@ def run_jobs(
                 np.savez(file, **result._asdict())
 
     if missing:
-        print("What flies for the first time is compiled first, for up to 3 minutes …", file=sys.stderr)
+        print(
+            "The first flight of each kind of vehicle, interface and observer compiles, for up to 3 minutes …",
+            file=sys.stderr,
+        )
     results |= run(missing, processes, done=save, finished=len(results))
     return {name: results[name] for name in jobs}
 

@@ -33,8 +33,8 @@ typedef struct {
 } @name@_measurement;
 
 /* What the tracked point (x + l r_x, y + l r_y, z) follows: (x, y, z) is the vehicle's centre of mass, r the direction of
- * the pole, l the distance of its centre of mass from the joint. The point is that centre only if the joint is at the
- * vehicle's. */
+ * the pole, l the distance of its centre of mass from the joint. The point is the pole's centre of
+ * mass if the joint is at the vehicle's centre of mass. */
 typedef struct {
   @name@_real derivatives[7][3]; /* position (m), velocity, ..., sixth derivative (m/s^6), world frame */
   @name@_real yaw[3];            /* yaw (rad), its rate and acceleration; it counts full turns without a jump */

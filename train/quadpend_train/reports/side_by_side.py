@@ -17,7 +17,7 @@ from quadpend_train.common.files import atomic
 from quadpend_train.evaluation.recording import Recording
 from quadpend_train.reports import figures
 
-COLOURS = (palette.VERMILLION, palette.VIOLET, palette.BROWN, palette.BLUE)  # of the recordings, from the left
+COLOURS = (palette.VERMILLION, palette.VIOLET, palette.BROWN, (204, 121, 167))  # of the recordings, from the left
 _TRUE_WIND = blend(palette.WIND, palette.WHITE, 0.35)
 _CHART_HEIGHT = 0.3  # share of the height of the view
 _SMALLEST_ERROR = 1.0  # mm, lower end of the error chart
@@ -98,7 +98,7 @@ class _Charts:
 
 
 def _draw_curve(axis: Any, values: Any, period: float, i: int) -> None:
-    """Draw a curve in the style of policy i."""
+    """Draw a curve in the style of recording i."""
     times = period * np.arange(1, len(values) + 1)
     colour = np.array(COLOURS[i]) / 255.0
     axis.plot(times, values, "--" if i == 1 else "-", color=colour, linewidth=1.5)
@@ -117,12 +117,17 @@ def _draw_errors(axis: Any, recordings: Sequence[Recording], period: float, show
 
 def _draw_wind(axis: Any, recordings: Sequence[Recording], period: float, shown: slice) -> None:
     """Draw the wind's force on the quadrotor and its estimates, along the axis with the largest force."""
-    true = max(recordings, key=lambda recording: len(recording.snapshots)).disturbance[:, :3]
-    component = int(np.argmax((true[shown] ** 2).sum(axis=0)))
-    times = period * np.arange(1, len(true) + 1)
-    colour = np.array(_TRUE_WIND) / 255.0
-    axis.plot(times, true[:, component], color=colour, linewidth=3.5, label="true; policies: their estimates")
-    limit = max(float(np.abs(true[shown, component]).max()), 0.1)
+    winds: list[Any] = []  # of the recordings, each once
+    for recording in sorted(recordings, key=lambda recording: -len(recording.snapshots)):
+        wind = recording.disturbance[:, :3]
+        if not any(np.array_equal(wind, other[: len(wind)]) for other in winds):
+            winds.append(wind)
+    component = int(np.argmax(max((wind[shown] ** 2).sum(axis=0).tolist() for wind in winds)))
+    for i, wind in enumerate(winds):
+        label = "" if i else "true; policies: their estimates"
+        times = period * np.arange(1, len(wind) + 1)
+        axis.plot(times, wind[:, component], color=np.array(_TRUE_WIND) / 255.0, linewidth=3.5, label=label)
+    limit = max(0.1, *(float(np.abs(wind[shown, component]).max(initial=0.0)) for wind in winds))
     for i, recording in enumerate(recordings):
         estimate = recording.estimate[:, component]
         if not np.isfinite(estimate).any():

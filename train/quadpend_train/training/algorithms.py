@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_train.common.text import brief
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.export import export
@@ -17,7 +18,7 @@ from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, check
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, linear_layers
 from quadpend_train.training.apg import APG, check_apg
 from quadpend_train.training.arguments import as_python, linear_schedule
-from quadpend_train.training.settings import TrainSettings
+from quadpend_train.training.settings import ALONE, TrainSettings
 
 # Fields of a card that must be the same, with their defaults
 _COMPARED = dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales")) | PLAIN_INTERFACE
@@ -39,7 +40,7 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
         model = kind("MlpPolicy", env, tensorboard_log=log, seed=settings.seed, device="cpu", **arguments)
     except AssertionError as error:  # Stable-Baselines3 checks the action space and some arguments this way
         raise ValueError(f"algo {settings.algo!r} refuses its environment or its arguments: {error}") from error
-    if not settings.hybrid.mode.endswith("_only"):  # a hybrid starts close to its base controller
+    if settings.hybrid.mode not in ALONE:  # a hybrid starts close to its base controller
         layer = linear_layers(model)[-1]
         with torch.no_grad():
             layer.weight *= 0.1
@@ -73,8 +74,10 @@ def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None
     """Copy the network of the policy `start_from`, or of its copy if that exists, to the actor of a model."""
     policy = MlpPolicy.load(copied) if copied and copied.is_file() else start_policy(settings)
     hybrid = settings.hybrid
-    if policy.hybrid is None and hybrid.base_controller and hybrid.mode == "estimate_only" and not hybrid.deviations:
-        policy = _with_inputs(policy, linear_layers(model)[0].in_features, settings.policy_interface())
+    wider = linear_layers(model)[0].in_features
+    plain = policy.hybrid is None and len(policy.layers[0][0]) == OBSERVATION_SIZE < wider
+    if plain and hybrid.base_controller and hybrid.mode == "estimate_only" and not hybrid.deviations:
+        policy = _with_inputs(policy, wider, settings.policy_interface())
     try:
         check_interface(policy.card, next(iter(settings.found().values())).simulation)
     except ValueError as error:

@@ -28,6 +28,7 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import arguments as sb3
 
 PRESETS = Path(__file__).with_name("presets")
+ALONE = "estimate_only", "memory_only"  # modes in which the policy acts alone
 _INPUTS = "situation", "deviations", "innovations"
 
 
@@ -68,7 +69,7 @@ class HybridSettings:
     """Rounds of the imitation, each a flight and a fit."""
 
     def __post_init__(self) -> None:
-        alone = self.mode.endswith("_only")
+        alone = self.mode in ALONE
         observed = any(getattr(self, name) for name in _INPUTS)
         applied = self.action_repeat > 1 or self.fallback_gain
         used = observed or applied or self.imitation_timesteps or self.baseline_relative_reward
@@ -88,7 +89,7 @@ class HybridSettings:
         if not self.base_controller:
             return None
         data = {"kind": self.mode, "base_controller": self.base_controller}
-        if self.mode.endswith("_only"):
+        if self.mode in ALONE:
             return data | {name: True for name in _INPUTS if getattr(self, name)}
         return {**data, "action_scale": self.action_scale, "fallback_gain": self.fallback_gain}
 
