@@ -12,7 +12,7 @@ thrust, than any of these. With log-uniform factors in brackets:
 | time constant of the rate loop   | the lag, at least 20 ms, times [1, 1.4]                                        |
 | rates at an action of ±1         | [5, 12] rad/s about x and y, [2, 4] rad/s about z                              |
 | highest thrust                   | weight [2, 6]                                                                  |
-| pole, a uniform rod              | mass M [0.04, 0.12], diameter 10 mm, length [0.3 m or 9 m/s · time constant, 1.5 m]|
+| pole, a uniform rod of 10 mm     | mass M [0.04, 0.12], length [0.3 m or 9 m/s · time constant, 1.5 m]            |
 | pivot                            | 0.3 a above the centre                                                         |
 | yaw torque per thrust            | 0.1 a [0.5, 1.5]                                                               |
 | drag of the rotors; of the body  | 0.4 1/s M along each axis; an area of 0.3 a²                                   |
