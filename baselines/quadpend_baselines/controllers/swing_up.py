@@ -11,7 +11,7 @@ A row is in one of three phases:
   The thrust is the lift over max(b_z, 0.3), times min(max(b_z, 0)/0.95, 1)², with the vertical component b_z of the
   thrust axis. So a vehicle that is thrown in any attitude first turns its thrust axis upwards. Beyond a tilt of 18° the
   thrust is reduced, and (1) holds only roughly.
-- *swing*: the plan x_k, a_k that `planning.swing_up` computed is flown with the feedback of a time-varying
+- *swing*: the plan x_k, a_k that `swing_up_planner` computed is flown with the feedback of a time-varying
   linear-quadratic regulator (`lqr.varying_gains`), with A_k and B_k along the plan, and Q, R and P_N of `lqr`:
 
       (2)  a = a_k − K_k (x − x_k)
@@ -29,7 +29,6 @@ from dataclasses import replace
 from enum import IntEnum
 from functools import lru_cache
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +37,7 @@ from quadpend_baselines.controllers import lqr
 from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback, OutputFeedbackMemory
+from quadpend_baselines.controllers.swing_up_plans import PLANS
 from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.estimation.estimator import Estimate, measurement_from_observation
 from quadpend_baselines.estimation.loop import Loop
@@ -59,17 +59,11 @@ from quadpend_gym.physics.state import (
     State,
 )
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
-from quadpend_gym.vehicles import VEHICLES
 
 # What "almost at rest" means: lengths of r_xy (1), ṙ (1/s), position (m) and velocity (m/s) relative to the reference,
 # roll and pitch (rad), and the rates of the attitude (rad/s).
 _AT_REST = (0.15, 1.0, 0.5, 0.3, 0.15, 0.5)
 _UPRIGHT = 0.95  # vertical component of the thrust axis from which on the thrust has its full size
-# The plans of the package
-PLANS: dict[Path, Simulation] = {
-    Path(__file__).with_suffix(".csv"): Simulation(),
-    Path(__file__).with_name("swing_up_hummingbird.csv"): Simulation(VEHICLES["hummingbird"], "body_rates"),
-}
 _STEP = 1e-5  # of the central differences along the plan
 _LEAST_VERTICAL = 0.3  # lower bound of the vertical component of the thrust axis, and of the lift in units of g
 
@@ -213,7 +207,7 @@ def _plan(simulation: Simulation) -> tuple[Floats, Floats]:
             return numbers[:, :STATE_SIZE], numbers[:-1, STATE_SIZE:]
     if find_spec("casadi") is None:
         raise ValueError("the plan of a swing-up needs CasADi, which is not installed: pip install 'quadpend-gym[mpc]'")
-    from quadpend_baselines.planning.swing_up import plan_swing_up
+    from quadpend_baselines.controllers.swing_up_planner import plan_swing_up
 
     return plan_swing_up(simulation)
 

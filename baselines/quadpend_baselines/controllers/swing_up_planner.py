@@ -11,7 +11,8 @@ the environment in calm air, with rotors that follow at once; a rate loop is a f
 leave room for the feedback. N, κ and the first guess for a rigid vehicle are those of the paper's vehicle, scaled by
 the rate √K and the length g/K of its pendulum, see `controllers.vehicle_gains`.
 
-``python -m quadpend_baselines.planning.swing_up`` computes the plans of the package again and writes their files.
+``python -m quadpend_baselines.controllers.swing_up_planner`` computes the plans of the package again and writes their
+files.
 """
 
 from dataclasses import replace
@@ -20,7 +21,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from quadpend_baselines.controllers.swing_up import PLANS
+from quadpend_baselines.controllers.swing_up_plans import PLANS
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
