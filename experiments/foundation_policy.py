@@ -4,9 +4,9 @@
     python -m experiments.foundation_policy      # 100 episodes in each scenario, seed 1000000
 
 RAPTOR (Eschmann, Albani and Loianno, 2025, MIT license) commands four rotors at 100 Hz, without the parameters of its
-vehicle. The pole hangs, is 0.1 m long and weighs 0.01 g. Episodes of 10 s start up to 0.5 m and 0.5 m/s from hover on each axis,
-with Euler angles of up to 0.5 rad; the error counts in their second half. A command u in [-1, 1] stands for the squared
-speed ((u + 1)/2)² between the lowest and the highest thrust of a rotor.
+vehicle. The pole hangs, is 0.1 m long and weighs 0.01 g. Episodes of 10 s start up to 0.5 m and 0.5 m/s from hover on
+each axis, with Euler angles of up to 0.5 rad; the error counts in their second half. A command u in [-1, 1] stands for
+the squared speed ((u + 1)/2)² between the lowest and the highest thrust of a rotor.
 """
 
 from dataclasses import replace
