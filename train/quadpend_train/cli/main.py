@@ -35,7 +35,10 @@ COMMANDS = {
         "evaluation.evaluate",
         "Evaluate policies in the same episodes and compare them with the first policy.",
     ),
-    "watch": ("watch.watch", "Show policies side by side in the same episode, in a window or in a file."),
+    "watch": (
+        "watch.watch",
+        "Show up to four policies side by side in the same episode, or one policy in up to four scenarios.",
+    ),
     "card": ("cards.card", "Describe a policy: what it observes, how it was trained, and how good it is."),
     "export": (
         "training.export",
