@@ -1,6 +1,6 @@
 """docs/one-policy/tables.md: a public policy of other authors on our vehicles in the X layout, without a pole.
 
-    pip install foundation-policy
+    pip install foundation-policy                # it is in the extra `peers`
     python -m experiments.foundation_policy      # 100 episodes in each scenario, seed 1000000
 
 RAPTOR (Eschmann, Albani and Loianno, 2025, MIT license) commands four rotors at 100 Hz, without the parameters of its

@@ -22,7 +22,7 @@ EXTRAS = {
     "baselines": ("train", "mpc", "control"),
     "train": ("train", "view", "mpc", "cluster", "logs"),
     "benchmarks": ("train", "view", "dev", "peers"),
-    "experiments": ("train", "view", "dev", "mpc"),
+    "experiments": ("train", "view", "dev", "mpc", "peers"),
     "tests": ("train", "view", "dev", "docs", "cluster", "control"),
     "docs": ("train", "view", "dev", "docs", "cluster"),
 }
