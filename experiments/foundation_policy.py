@@ -17,19 +17,21 @@ from gymnasium.vector import AutoresetMode
 from scipy.spatial.transform import Rotation
 
 from experiments.pages import DOCS, fill, made_by, options
+from experiments.vehicles import WIND_SHARE
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.plants import plant_of
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION
 from quadpend_gym.physics.state import State
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.references import ReferenceSettings
 from quadpend_gym.tasks.task import TASKS, Limits
-from quadpend_gym.vehicles import VEHICLES, Pole, Vehicle, hover_thrusts, rotors_of
+from quadpend_gym.vehicles import VEHICLES, Pole, Simulation, Vehicle, hover_thrusts, rotors_of
 from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.evaluation.formatting import markdown_table
 
 PLACE = np.array([0.0, 0.0, 2.0])  # m
 CORNERS = (1, -1), (-1, -1), (-1, 1), (1, 1)  # the policy's order: front right, back right, back left, front left
 X_LAYOUT = ("crazyflie", "crazyflie-brushless", "crazyflie-brushless-2", "skydio-x2", "racer", "x500")
-WIND_SHARE = 0.1  # root mean square of the force, as a share of the weight
 
 
 def scenario(vehicle: Vehicle, is_windy: bool) -> Scenario:
@@ -41,17 +43,12 @@ def scenario(vehicle: Vehicle, is_windy: bool) -> Scenario:
     return Scenario(vehicle=vehicle, interface="rotors", task=task, wind=wind, substeps=8)
 
 
-def observation(state: State, last: Floats) -> Floats:
+def observation(simulation: Simulation, states: Floats, last: Floats) -> Floats:
     """Return what the policy observes: position, rotation matrix, velocity, body rates and its last action, (n, 22)."""
-    rotation = Rotation.from_euler("ZYX", state.euler[:, ::-1]).as_matrix()
-    (roll, pitch, _), (p, q, r) = state.euler.T, state.euler_rate.T
-    rates = [
-        p - np.sin(pitch) * r,
-        np.cos(roll) * q + np.sin(roll) * np.cos(pitch) * r,
-        np.cos(roll) * np.cos(pitch) * r - np.sin(roll) * q,
-    ]
-    parts = [state.position - PLACE, rotation.reshape(-1, 9), state.velocity, np.column_stack(rates), last]
-    return np.column_stack(parts).astype(np.float32)
+    state, rigid = State(states), plant_of(simulation).initial_memory(states)
+    quaternion, rates = rigid[:, QUATERNION : QUATERNION + 4], rigid[:, BODY_RATE : BODY_RATE + 3]
+    rotation = Rotation.from_quat(quaternion, scalar_first=True).as_matrix().reshape(-1, 9)
+    return np.column_stack([state.position - PLACE, rotation, state.velocity, rates, last]).astype(np.float32)
 
 
 def fly(policy: Any, vehicle: Vehicle, is_windy: bool, episodes: int, seed: int) -> tuple[float, float]:
@@ -62,19 +59,20 @@ def fly(policy: Any, vehicle: Vehicle, is_windy: bool, episodes: int, seed: int)
     start |= {"euler": random.uniform(-0.5, 0.5, rows), "direction": np.tile([0.0, 0.0, -1.0], (episodes, 1))}
     none = dict.fromkeys(("euler_rate", "direction_rate"), np.zeros(rows))
     env.reset(seed=seed, options={"state": start | none})
+    world = env.unwrapped.world
     hover, (low, high) = hover_thrusts(vehicle), rotors_of(vehicle).thrust
     x, y, _ = np.array(rotors_of(vehicle).positions).T
     order = [int(np.argmax(i * x + j * y)) for i, j in CORNERS]
     alive, last, errors = np.ones(episodes, np.bool_), np.zeros((episodes, 4)), []
     policy.reset()
     for _ in range(999):  # the last step of an episode begins the next one
-        last = np.clip(policy.evaluate_step(observation(State(env.unwrapped.world.state), last)), -1.0, 1.0)
+        last = np.clip(policy.evaluate_step(observation(world.simulation, world.state, last)), -1.0, 1.0)
         thrust = np.empty_like(last)
         thrust[:, order] = low + (high - low) * (0.5 * (last + 1.0)) ** 2
         action = np.where(thrust > hover, (thrust - hover) / (high - hover), (thrust - hover) / (hover - low))
         _, _, fell, _, _ = env.step(np.clip(action, -1.0, 1.0).astype(np.float32))
         alive &= ~fell
-        errors.append(np.linalg.norm(State(env.unwrapped.world.state).position - PLACE, axis=1))
+        errors.append(np.linalg.norm(State(world.state).position - PLACE, axis=1))
     return 100.0 * float(alive.mean()), 1e3 * float(np.sqrt(np.mean(np.array(errors)[500:, alive] ** 2)))
 
 

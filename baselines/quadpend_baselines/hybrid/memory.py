@@ -56,10 +56,9 @@ def memory_inputs(
 
     seen: list[Any] = [turned("tracking_error"), turned("direction")[:, :2], attitude, action]
     x = np.column_stack(seen) / _SCALE
-    last = np.tile(x, len(_TIMES))
-    if remembered is not None:
-        last = np.where(started[:, np.newaxis], last, remembered)
+    inputs = np.tile(x, len(_TIMES))  # of the filters
+    last = inputs if remembered is None else np.where(started[:, np.newaxis], inputs, remembered)
     shares = np.repeat(1.0 - np.exp(-period / np.array(_TIMES)), _SIZE)
-    now = last + shares * (np.tile(x, len(_TIMES)) - last)
+    now = last + shares * (inputs - last)
     reference = [turned(name) for name in _REFERENCE]
-    return np.column_stack([x, *reference, *yaw_rates, np.tile(x, len(_TIMES)) - now]), now
+    return np.column_stack([x, *reference, *yaw_rates, inputs - now]), now
