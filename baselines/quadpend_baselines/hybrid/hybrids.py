@@ -53,14 +53,19 @@ from quadpend_baselines.hybrid.innovations import (
     innovation_inputs,
     last_filtered,
 )
-from quadpend_baselines.hybrid.memory import MEMORY_SIZE, memory_inputs
+from quadpend_baselines.hybrid.memory import MEMORY_SIZE, memory_inputs, memory_shares
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_baselines.registry import controller
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, Disturbance
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START, read_observation
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_SIZE,
+    OUTPUT_FEEDBACK_COLUMNS,
+    REFERENCE_START,
+    read_observation,
+)
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
 ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
@@ -101,7 +106,7 @@ class Hybrid:
         object.__setattr__(other, "controller", self.controller.designed_for(simulation, loop))
         return other
 
-    def flown_in(self, simulation: Simulation, loop: Loop) -> "Hybrid":
+    def flown_in(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid as a policy needs it to fly in a nominal simulation with a known loop."""
         return self.designed_for(simulation, loop)
 
@@ -225,26 +230,25 @@ class MemoryOnly(Hybrid):
     """
 
     kind: ClassVar[str] = "memory_only"
-    _teaches: ClassVar[bool] = False
-    _period: ClassVar[float] = CONTROL_PERIOD
     base_controller: Any = "lqg"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
+    period: ClassVar[float] = CONTROL_PERIOD
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid with a teacher for a simulation and loop."""
-        other = super().designed_for(simulation, loop)
-        object.__setattr__(other, "_teaches", True)
-        object.__setattr__(other, "_period", simulation.period)
-        return other
+        return self._for(simulation.period, self.controller.designed_for(simulation, loop))
 
-    def flown_in(self, simulation: Simulation, loop: Loop) -> "Hybrid":
+    def flown_in(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
+        return self._for(simulation.period, None)
+
+    def _for(self, period: float, teacher: Any) -> "Hybrid":
         other = copy(self)
-        object.__setattr__(other, "_teaches", False)
-        object.__setattr__(other, "_period", simulation.period)
+        for name, value in (("period", period), ("controller", teacher)):
+            object.__setattr__(other, name, value)
         return other
 
     def observation_size(self, size: int) -> int:
-        """Return the size of the policy's observation, 89."""
+        """Return the size of the policy's observation, 92."""
         return MEMORY_SIZE
 
     def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
@@ -254,17 +258,21 @@ class MemoryOnly(Hybrid):
         action = none
         if memory is not None:
             action, filtered = np.where(started[:, np.newaxis], none, memory.action), memory.filtered
-        base_action, teacher = self._update(observation, memory, started) if self._teaches else (none, ())
-        seen, filtered = memory_inputs(observation, action, filtered, started, self._period)
+        base_action, teacher = (none, ()) if self.controller is None else self._update(observation, memory, started)
+        measured = observation[:, OUTPUT_FEEDBACK_COLUMNS] if observation.shape[1] == OBSERVATION_SIZE else observation
+        measured, action = measured.astype(np.float64), action.astype(np.float64)
+        seen, filtered = memory_inputs(measured, action, filtered, started, *memory_shares(self.period))
         return seen.astype(np.float32), HybridMemory(teacher, base_action, np.zeros(rows), (), filtered, action)
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the teacher's action; see `Hybrid.base_action`."""
-        return _late_action(self.controller, memory) if self._teaches else (memory.base_action, memory)
+        if self.controller is None:
+            raise ValueError("a hybrid that was made for a flight has no teacher: ask for one with teaches=True")
+        return _late_action(self.controller, memory)
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
-        applied, after = self._applied(action, memory) if self._teaches else (action, memory)
+        applied, after = (action, memory) if self.controller is None else self._applied(action, memory)
         return applied, after._replace(action=action)
 
 

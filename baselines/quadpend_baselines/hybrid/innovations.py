@@ -29,9 +29,9 @@ FILTERED_SIZE = _SIZE * len(_TIMES)
 INNOVATIONS_SIZE = _SIZE + FILTERED_SIZE
 
 
-def filter_shares(period: float) -> Floats:
+def filter_shares(period: float, times: Floats | tuple[float, ...] = _TIMES) -> Floats:
     """Return 1 − e^{−T/τ} for each τ."""
-    return np.asarray(1.0 - np.exp(-period / np.array(_TIMES)))
+    return np.asarray(1.0 - np.exp(-period / np.array(times)))
 
 
 @compiled

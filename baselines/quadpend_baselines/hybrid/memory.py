@@ -1,11 +1,16 @@
 """Inputs of a policy without parameters of its vehicle: the measurements, and a memory of them.
 
-The memory is a set of first-order filters of the measured values m and the last action. With x = (m, a_{k−1}),
+The memory begins with first-order filters of the measured values m and the last action. With x = (m, a_{k−1}),
 
     (1)  f_k = f_{k−1} + (1 − e^{−T/τ}) (x_k − f_{k−1}),     τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   f = x at the start
 
 x − f is about τ ẋ where x changes slowly. From it a network can infer velocities, the response to its actions, mean
-wind and biases.
+wind and biases. Two neighbouring filters in series give a rate of roll and pitch, and the actions filtered alike,
+
+    (2)  y = (f − f⁺)/(τ⁺ − τ) of φ and θ,     u = (τ f − τ⁺ f⁺)/(τ − τ⁺) of their actions      +: the next τ
+
+and the regression of y on u, with a fading of 10 s, is the body rate that an action of 1 commands. The quicker the
+filters, the more it loses by the lag of the vehicle.
 
 | part                                                                                | size | scale              |
 |-------------------------------------------------------------------------------------|------|--------------------|
@@ -13,52 +18,100 @@ wind and biases.
 | the last action                                                                     | 4    | 0.2                |
 | the derivatives of order 2 to 6 of the reference; ψ̇_d and ψ̈_d                       | 17   | their own          |
 | x − f for each τ                                                                    | 60   | as m and action    |
+| the regressions for the first three τ, less 7.5 rad/s                               | 3    | 3.75 rad/s         |
 
 Horizontal vectors are in the axes of the heading.
 """
 
-from typing import Any
-
 import numpy as np
 
-from quadpend_gym.core.arrays import Booleans, Floats, Floats32
+from quadpend_baselines.hybrid.innovations import filter_shares
+from quadpend_gym.core.arrays import Booleans, Floats
+from quadpend_gym.core.elementary import sincos
+from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.state import ACTION_SIZE
-from quadpend_gym.tasks.observation import read_observation
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_SCALE,
+    OUTPUT_FEEDBACK_COLUMNS,
+    OUTPUT_FEEDBACK_FIELDS,
+)
 
-_TIMES = 0.02, 0.06, 0.2, 0.6, 2.0  # τ, s
+_TIMES = np.array([0.02, 0.06, 0.2, 0.6, 2.0])  # τ, s
+_FADING = 10.0  # s
+_PRIOR, _WEIGHT = 6.0, 0.5  # of the regressions, in the scales of φ and the actions, and Σ u² that weighs as much
 _SCALE = np.array([0.05] * 5 + [0.25] * 3 + [0.2] * ACTION_SIZE)
-_REFERENCE = tuple(f"reference_{order}" for order in range(2, 7))
-_SIZE = _SCALE.size  # of x
-REMEMBERED_SIZE = _SIZE * len(_TIMES)
-MEMORY_SIZE = _SIZE + 3 * len(_REFERENCE) + 2 + REMEMBERED_SIZE
+_UNITS = OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS]
+_ATTITUDE, _REFERENCE, _YAW = (
+    OUTPUT_FEEDBACK_FIELDS[name].start for name in ("attitude", "reference_2", "yaw_reference")
+)
+_SIZE, _ROLL, _ROLL_ACTION = _SCALE.size, 5, 9  # of x, and places in it
+_ORDERS = (_YAW - _REFERENCE) // 3
+_FILTERED = _SIZE * len(_TIMES)
+_REGRESSIONS = 3
+REMEMBERED_SIZE = _FILTERED + 2 * _REGRESSIONS
+MEMORY_SIZE = _SIZE + 3 * _ORDERS + 2 + _FILTERED + _REGRESSIONS
+
+
+@compiled
+def _inputs(
+    seen: Floats, action: Floats, last: Floats, started: Booleans, shares: Floats, fade: float, out: Floats, now: Floats
+) -> None:
+    for row in range(out.shape[0]):
+        sine, cosine = sincos(_UNITS[_ATTITUDE + 2] * seen[row, _ATTITUDE + 2] + _UNITS[_YAW] * seen[row, _YAW])
+        for k in range(2 + _ORDERS):  # tracking error, direction and the reference's derivatives
+            first = 3 * k if k < 2 else _REFERENCE + 3 * (k - 2)
+            place = first if k < 2 else _SIZE + 3 * (k - 2)
+            x, y = _UNITS[first] * seen[row, first], _UNITS[first + 1] * seen[row, first + 1]
+            out[row, place], out[row, place + 1] = cosine * x + sine * y, cosine * y - sine * x
+            if k != 1:
+                out[row, place + 2] = _UNITS[first + 2] * seen[row, first + 2]
+        for i in range(3):
+            out[row, _ROLL + i] = _UNITS[_ATTITUDE + i] * seen[row, _ATTITUDE + i]
+        for i in range(ACTION_SIZE):
+            out[row, _SIZE - ACTION_SIZE + i] = action[row, i]
+        for i in range(_SIZE):
+            out[row, i] /= _SCALE[i]
+        for i in range(2):
+            out[row, _SIZE + 3 * _ORDERS + i] = _UNITS[_YAW + 1 + i] * seen[row, _YAW + 1 + i]
+        first = _SIZE + 3 * _ORDERS + 2
+        for j in range(len(_TIMES)):
+            for i in range(_SIZE):
+                before = out[row, i] if started[row] else last[row, j * _SIZE + i]
+                now[row, j * _SIZE + i] = before + shares[j] * (out[row, i] - before)
+                out[row, first + j * _SIZE + i] = out[row, i] - now[row, j * _SIZE + i]
+        for j in range(_REGRESSIONS):
+            place, a, b = _FILTERED + 2 * j, j * _SIZE, (j + 1) * _SIZE
+            span = _TIMES[j + 1] - _TIMES[j]
+            products = squares = 0.0
+            for i in range(2):
+                rate = (now[row, a + _ROLL + i] - now[row, b + _ROLL + i]) / span
+                command = _TIMES[j + 1] * now[row, b + _ROLL_ACTION + i] - _TIMES[j] * now[row, a + _ROLL_ACTION + i]
+                products += rate * command / span
+                squares += (command / span) ** 2
+            now[row, place] = products + (0.0 if started[row] else fade * last[row, place])
+            now[row, place + 1] = squares + (0.0 if started[row] else fade * last[row, place + 1])
+            slope = (now[row, place] + _WEIGHT * _PRIOR) / (now[row, place + 1] + _WEIGHT)
+            out[row, first + _FILTERED + j] = (slope - _PRIOR) / (0.5 * _PRIOR)
 
 
 def memory_inputs(
-    observation: Floats32, action: Floats32, remembered: Floats | None, started: Booleans, period: float
+    seen: Floats, action: Floats, remembered: Floats | None, started: Booleans, shares: Floats, fade: float
 ) -> tuple[Floats, Floats]:
-    """Return the inputs, shape (n, 89), and f, shape (n, 60).
+    """Return the inputs, shape (n, 92), and the memory, shape (n, 66): f and the sums of the regressions.
 
     Args:
-        observation: Of the environment, shape (n, 36) or (n, 27).
+        seen: Observation of the environment without velocities, shape (n, 27).
         action: The last action, shape (n, 4); zeros in rows that begin.
-        remembered: f of the last step; None at the first step.
+        remembered: The memory of the last step; None at the first step.
         started: Mask of the rows whose episode begins, shape (n,).
-        period: T, the control period, s.
+        shares: See `memory_shares`.
+        fade: See `memory_shares`.
     """
-    attitude = read_observation(observation, "attitude")
-    yaw, *yaw_rates = read_observation(observation, "yaw_reference").T
-    angle = attitude[:, 2] + yaw
-    sine, cosine = np.sin(angle), np.cos(angle)
+    out, now = np.empty((len(seen), MEMORY_SIZE)), np.empty((len(seen), REMEMBERED_SIZE))
+    _inputs(seen, action, now if remembered is None else remembered, started, shares, fade, out, now)
+    return out, now
 
-    def turned(name: str) -> Floats:
-        x, y, z = read_observation(observation, name).T
-        return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, z])
 
-    seen: list[Any] = [turned("tracking_error"), turned("direction")[:, :2], attitude, action]
-    x = np.column_stack(seen) / _SCALE
-    inputs = np.tile(x, len(_TIMES))  # of the filters
-    last = inputs if remembered is None else np.where(started[:, np.newaxis], inputs, remembered)
-    shares = np.repeat(1.0 - np.exp(-period / np.array(_TIMES)), _SIZE)
-    now = last + shares * (inputs - last)
-    reference = [turned(name) for name in _REFERENCE]
-    return np.column_stack([x, *reference, *yaw_rates, inputs - now]), now
+def memory_shares(period: float) -> tuple[Floats, float]:
+    """Return 1 − e^{−T/τ} for each τ, and the share of the regressions' sums that a step leaves."""
+    return filter_shares(period, _TIMES), float(np.exp(-period / _FADING))

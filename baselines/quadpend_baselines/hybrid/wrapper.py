@@ -30,9 +30,16 @@ class VectorHybridWrapper(VectorWrapper):
         hybrid: The hybrid, or its plain data. If its base controller was given by name, the base controller is
             designed for the nominal simulation of `env`.
         loop: Delays and lags of `env` that a base controller given by name knows; None: there are none.
+        teaches: Whether `base_action` is asked for, of which only `MemoryOnly` needs to know.
     """
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], hybrid: Hybrid | Mapping[str, Any], loop: Loop | None = None):
+    def __init__(
+        self,
+        env: VectorEnv[Any, Any, Any],
+        hybrid: Hybrid | Mapping[str, Any],
+        loop: Loop | None = None,
+        teaches: bool = False,
+    ):
         super().__init__(env)
         space, world = env.single_observation_space, world_of(env)
         if space.shape not in ((OBSERVATION_SIZE,), (OUTPUT_FEEDBACK_SIZE,)):
@@ -44,7 +51,8 @@ class VectorHybridWrapper(VectorWrapper):
             raise ValueError(NO_HYBRID)
         found = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid
         named = isinstance(found.base_controller, str)
-        self.hybrid = found.designed_for(world.simulation, loop) if named else found
+        made = found.designed_for if teaches else found.flown_in
+        self.hybrid = made(world.simulation, loop) if named else found
         self.single_observation_space = observation_space(self.hybrid.observation_size(space.shape[0]))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.memory: HybridMemory | None = None

@@ -22,7 +22,7 @@ def test_the_filters_follow_measurements_and_actions_and_begin_anew() -> None:
         np.testing.assert_allclose(now[:, 2], observation[:, 2] * 0.5 / 0.05, rtol=1e-5)
         last[started] = now[started, np.newaxis]
         last = last + SHARES * (now[:, np.newaxis] - last)
-        np.testing.assert_allclose(seen[:, -60:].reshape(2, 5, 12), now[:, np.newaxis] - last, rtol=1e-3, atol=1e-4)
+        np.testing.assert_allclose(seen[:, -63:-3].reshape(2, 5, 12), now[:, np.newaxis] - last, rtol=1e-3, atol=1e-4)
         assert (now[started, 8:] == 0.0).all()
         action, memory = hybrid.act(0.1 * env.action_space.sample(), memory)
         observation, *_ = env.step(action)
@@ -45,7 +45,7 @@ def test_the_inputs_do_not_depend_on_the_heading_and_need_no_velocities() -> Non
 
 def test_a_designed_hybrid_teaches_what_its_base_controller_does_and_a_flown_one_has_no_teacher() -> None:
     scenario = find_scenario("vehicles_windy@racer")
-    env = VectorHybridWrapper(scenario.make_vec(3), MemoryOnly(), Loop.known(scenario))
+    env = VectorHybridWrapper(scenario.make_vec(3), MemoryOnly(), Loop.known(scenario), teaches=True)
     teacher, inner, memory = controller("lqg").adapt(scenario), scenario.make_vec(3), None
     env.reset(seed=1)
     plain = inner.reset(seed=1)[0]

@@ -52,7 +52,7 @@ from quadpend_gym.scenarios import Scenario
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.flight import Flights, Step, check_covered, reference_points
-from quadpend_train.training.settings import ApgSettings, TrainSettings
+from quadpend_train.training.settings import ALONE, ApgSettings, TrainSettings
 
 # Settings that APG does not use
 _UNUSED = ("reward", "reward_scale", "critic_warmup_steps")
@@ -205,8 +205,8 @@ class APG(OnPolicyAlgorithm):
 
 def check_apg(settings: TrainSettings) -> None:
     """Check that APG covers the settings of a run."""
-    if settings.hybrid.mode != "estimate_only":
-        raise ValueError(f"mode must be 'estimate_only' with algo 'apg', not {settings.hybrid.mode!r}")
+    if settings.hybrid.mode not in ALONE:
+        raise ValueError(f"mode must be one of {', '.join(ALONE)} with algo 'apg', not {settings.hybrid.mode!r}")
     default = TrainSettings()
     for name in _UNUSED:
         if (value := getattr(settings, name)) != (only := getattr(default, name)):

@@ -26,6 +26,7 @@ def concatenate_scenarios(
     num_envs: int,
     max_episode_steps: int | None = None,
     hybrid: Mapping[str, Any] | None = None,
+    teaches: bool = False,
 ) -> VectorEnv[Any, Any, Any]:
     """Return one vector environment with an equal number of sub-environments of each scenario and same-step autoreset.
 
@@ -41,7 +42,7 @@ def concatenate_scenarios(
     made, pairs = hybrid_from_data(hybrid), zip(scenarios, envs, strict=True)
     groups = groupby(pairs, lambda pair: (pair[0].simulation, Loop.known(pair[0])))
     parts = [(_concatenated([env for _, env in group]), loop) for (_, loop), group in groups]
-    return _concatenated([VectorHybridWrapper(env, made, loop) for env, loop in parts])
+    return _concatenated([VectorHybridWrapper(env, made, loop, teaches) for env, loop in parts])
 
 
 def _concatenated(envs: Sequence[VectorEnv[Any, Any, Any]]) -> VectorEnv[Any, Any, Any]:
@@ -69,8 +70,8 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
     return replace(scenario, task=replace(scenario.task, reward=replace(reward, pendulum_first=least)))
 
 
-def make_env(settings: TrainSettings) -> SB3VecEnv:
-    """Return the training environment for Stable-Baselines3."""
+def make_env(settings: TrainSettings, teaches: bool = False) -> SB3VecEnv:
+    """Return the training environment for Stable-Baselines3; `teaches`: its base controllers label for an imitation."""
     steps, hybrid, found = settings.max_episode_steps or None, settings.hybrid, settings.found().values()
     if hybrid.base_controller and any(isinstance(model, Rotors) for item in found for model in item.actuators):
         raise ValueError(
@@ -78,7 +79,7 @@ def make_env(settings: TrainSettings) -> SB3VecEnv:
             " in a scenario with rotors as actuators"
         )
     scenarios = [_with_reward(scenario, settings.reward) for scenario in found]
-    env = concatenate_scenarios(scenarios, settings.num_envs, steps, hybrid.as_data())
+    env = concatenate_scenarios(scenarios, settings.num_envs, steps, hybrid.as_data(), teaches)
     if hybrid.baseline_relative_reward:
         baseline = concatenate_scenarios(scenarios, settings.num_envs, steps)
         base_controllers = [controller(hybrid.base_controller).adapt(scenario) for scenario in scenarios]

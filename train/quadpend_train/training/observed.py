@@ -6,7 +6,7 @@ the observer (`quadpend_baselines.estimation`), so that generated C has their sl
     (1)  y = x + n,   b ← g(b, a, y),   o = h(b, y)         n: error of the sensors, independent of the policy
 
 with the belief b: the estimate, which the prediction through known delays and lags belongs to, the running mean squares
-of the situation, and the filtered innovations. A delay of the sensors is known: the flight ends with the last states,
+of the situation, and the filtered innovations; or the memory of the measurements alone. A delay of the sensors is known: the flight ends with the last states,
 the oldest first. What other base controllers than those with a Kalman observer estimate has no slope.
 """
 
@@ -35,7 +35,9 @@ from quadpend_baselines.estimation.estimator import (
     measure,
     unpack_loop,
 )
+from quadpend_baselines.hybrid.hybrids import MemoryOnly
 from quadpend_baselines.hybrid.innovations import FILTERED_SIZE
+from quadpend_baselines.hybrid.memory import REMEMBERED_SIZE
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares, new_share
 from quadpend_baselines.modelling.quantities import bob_offset, load_state
 from quadpend_gym import engines
@@ -52,7 +54,7 @@ from quadpend_gym.tasks.observation import (
     REFERENCE_START,
 )
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
-from quadpend_train.common.lifted_inputs import deviations_of, innovations_of
+from quadpend_train.common.lifted_inputs import deviations_of, innovations_of, remembered_of
 
 _LEAST_SQUARE = 1e-8  # bounds the slope of a root mean square of the situation
 
@@ -66,10 +68,13 @@ class Observer(NamedTuple):
     innovations: bool  # whether it observes filtered innovations
     law: Lqg | None  # the law of the deviations; None: it observes estimates
     size: int
+    period: float = 0.0  # of a memory of the measurements, s; 0: the policy observes none
 
     @classmethod
     def of(cls, hybrid: Any, has_rates: bool, size: int) -> "Observer":
         """Return the observer of a hybrid; None: there is no hybrid."""
+        if isinstance(hybrid, MemoryOnly):
+            return cls(None, False, False, False, None, size, hybrid.period)
         base = None if hybrid is None else hybrid.controller
         estimator = base.estimator if isinstance(base, OutputFeedback) else None
         if estimator is None:
@@ -81,7 +86,7 @@ class Observer(NamedTuple):
         """Return the beliefs in the memory of a hybrid, and ε and the gains of the next step, both with n rows."""
         if self.estimator is None:
             none = np.zeros((len(memory.base_action), 0))
-            return none, none
+            return (memory.filtered, none) if self.period else (none, none)
         estimate, situation, gains = memory.controller.estimate.array, memory.situation, _gains(self)
         sensing = gains.values[np.minimum(estimate[:, AGE].astype(np.int64), len(gains.values) - 1)]
         beliefs = [memory.filtered, estimate] if self.innovations else [estimate]
@@ -127,7 +132,11 @@ def observation_step(observer: Observer) -> Any:
     action, observed = ca.SX.sym("action", ACTION_SIZE), engines.observation_function()(measured, parameters, point)[0]
     if not observer.has_rates:
         observed = observed[OUTPUT_FEEDBACK_COLUMNS.tolist()]
-    if observer.estimator is None:
+    if observer.period:
+        belief, sensing = ca.SX.sym("belief", REMEMBERED_SIZE), ca.SX(0, 1)
+        inputs, next_belief = remembered_of(observed, action, belief, observer.period)
+        seen = [inputs]
+    elif observer.estimator is None:
         belief, sensing = ca.SX(0, 1), ca.SX(0, 1)
         next_belief, seen = belief, [observed]
     else:

@@ -137,7 +137,7 @@ def imitate(model: Any, settings: TrainSettings) -> None:
     Imitation uses no rewards: its environment has no baseline copies.
     """
     hybrid = replace(settings.hybrid, baseline_relative_reward=False, failure_penalty=0.0)
-    env = make_env(replace(settings, hybrid=hybrid))
+    env = make_env(replace(settings, hybrid=hybrid), teaches=True)
     env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
     Imitation(model, env, settings).fit()
 
