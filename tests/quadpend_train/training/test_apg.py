@@ -63,16 +63,22 @@ def test_ten_updates_lower_the_cost() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scenario", "base_controller", "tolerance"),
-    [("calm", "", 0.0), ("calm", "flatness", 0.02), (LAGGED, "flatness", 0.02), (DELAYED, "flatness", 0.02)],
-    ids=["alone", "observer", "lagged", "delayed"],
+    ("scenario", "hybrid", "tolerance"),
+    [
+        ("calm", HybridSettings(), 0.0),
+        ("output_feedback", HybridSettings("lqg", "memory_only"), 0.02),
+        ("calm", HybridSettings("flatness"), 0.02),
+        (LAGGED, HybridSettings("flatness"), 0.02),
+        (DELAYED, HybridSettings("flatness"), 0.02),
+    ],
+    ids=["alone", "memory", "observer", "lagged", "delayed"],
 )
-def test_gradient_of_the_cost_equals_a_finite_difference(scenario: str, base_controller: str, tolerance: float) -> None:
+def test_gradient_of_the_cost_equals_a_finite_difference(
+    scenario: str, hybrid: HybridSettings, tolerance: float
+) -> None:
     """For the bias of each action: exactly without an observer, closely with an observer that knows the loop."""
     apg = replace(BRIEF.apg, max_state_gradient=1e9)
-    settings = replace(
-        BRIEF, scenarios=(scenario,), hybrid=HybridSettings(base_controller), max_episode_steps=30, apg=apg
-    )
+    settings = replace(BRIEF, scenarios=(scenario,), hybrid=hybrid, max_episode_steps=30, apg=apg)
     model, env = model_and_env(settings)
     bias = model.policy.action_net.bias
     cost(model, env)
@@ -187,7 +193,7 @@ def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
             {"hybrid": HybridSettings("flatness", baseline_relative_reward=True)},
             "baseline_relative_reward must be False",
         ),
-        ({"hybrid": HybridSettings("flatness", "residual_action")}, "mode must be 'estimate_only' with algo 'apg'"),
+        ({"hybrid": HybridSettings("flatness", "residual_action")}, "mode must be one of estimate_only, memory_only with algo 'apg'"),
     ],
     ids=str,
 )
