@@ -6,9 +6,10 @@ from quadpend_baselines import controller
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import MemoryOnly, VectorHybridWrapper
 from quadpend_gym.scenarios import find_scenario
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_FIELDS
 from tests.helpers.envs import make_vec
 
+ATTITUDE = OUTPUT_FEEDBACK_FIELDS["attitude"]
 SHARES = (1.0 - np.exp(-0.01 / np.array([0.02, 0.06, 0.2, 0.6, 2.0])))[:, np.newaxis]
 
 
@@ -56,3 +57,16 @@ def test_a_designed_hybrid_teaches_what_its_base_controller_does_and_a_flown_one
         plain = inner.step(expected)[0]
     flown = MemoryOnly().flown_in(scenario.simulation, Loop())
     assert flown.observe(plain, None, np.ones(3, np.bool_))[1].controller == ()
+
+
+def test_the_regressions_are_the_body_rate_of_an_action() -> None:
+    """Of vehicles without lag that turn at 5 and 10 rad/s with an action of 1. Few slow actions favour the prior."""
+    hybrid, memory, observation = MemoryOnly(), None, np.zeros((2, 27), np.float32)
+    rates = np.array([[5.0, 5.0], [10.0, 10.0]])
+    for step in range(1000):
+        seen, memory = hybrid.observe(observation, memory, np.full(2, step == 0))
+        action = np.zeros((2, 4), np.float32)
+        action[:, 1:3] = 0.1 * np.array([np.sin(0.3 * step), np.cos(0.07 * step)])
+        _, memory = hybrid.act(action, memory)
+        observation[:, ATTITUDE.start : ATTITUDE.start + 2] += 0.01 * rates * action[:, 1:3] / 0.25
+    np.testing.assert_allclose(7.5 + 3.75 * seen[:, -3:], np.repeat(rates[:, :1], 3, axis=1), rtol=0.15)
