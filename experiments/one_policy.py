@@ -2,8 +2,9 @@
 
     python -m experiments.one_policy --jobs 2      # 100 episodes in each scenario, seeds from 1000000
 
-`dagger-vehicles` is told nothing but the measurements; `lqg` knows every vehicle. The networks for one vehicle have its
-preset with one scenario and a quarter of the labels. They are trained once, in runs/one-policy/.
+`dagger-vehicles` and `apg-vehicles`, which begins with it, are told nothing but the measurements; `lqg` knows every
+vehicle. The networks for one vehicle have the same two presets with one vehicle, a quarter of the labels and 2,000,000
+steps. They are trained once, in runs/one-policy/.
 """
 
 from pathlib import Path
@@ -16,7 +17,7 @@ from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.training.settings import read_settings, with_values
 from quadpend_train.training.train import train_or_resume
 
-PRESET, OPPONENT, RUNS = "dagger-vehicles", "lqg", Path("runs/one-policy")
+POLICIES, RUNS = {"imitation": "dagger-vehicles", "one": "apg-vehicles"}, Path("runs/one-policy")
 KNOWN = tuple(name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid")
 UNSEEN = "random:1001", "random:1002"
 OWN = "hummingbird", "skydio-x2", "racer"  # vehicles with a network of their own
@@ -25,10 +26,16 @@ AIR = {"calm": "vehicles_calm", "wind": "vehicles_windy"}
 
 def own_policy(vehicle: str) -> str:
     """Return the path of the network that is trained for one vehicle only."""
-    folder, settings = RUNS / vehicle, read_settings(PRESET)
-    if not (folder / "policy.npz").is_file():
-        fewer = {"hybrid.imitation_timesteps": 1_000_000, "hybrid.imitation_rounds": 10}
-        train_or_resume(with_values(settings, {"scenarios": (f"vehicles_training@{vehicle}",), **fewer}), folder)
+    first, folder = RUNS / f"{vehicle}-imitation", RUNS / vehicle
+    windy, calm = f"vehicles_training@{vehicle}", f"vehicles_training_calm@{vehicle}"
+    labels = {"hybrid.imitation_timesteps": 1_000_000, "hybrid.imitation_rounds": 10}
+    steps = {"total_timesteps": 2_000_000, "num_envs": 64, "start_from": str(first)}
+    for path, preset, values in (
+        (first, "dagger-vehicles", {"scenarios": (windy,), **labels}),
+        (folder, "apg-vehicles", {"scenarios": (windy, calm), **steps}),
+    ):
+        if not (path / "policy.npz").is_file():
+            train_or_resume(with_values(read_settings(preset), values), path)
     return str(folder)
 
 
@@ -37,7 +44,11 @@ def main() -> None:
     given, rows = options(__doc__, episodes=100), []
     for vehicle in (*KNOWN, *UNSEEN):
         own = {"own": own_policy(vehicle)} if vehicle in OWN else {}
-        names = [OPPONENT, f"one={PRESET}-0", *(f"own={path}" for path in own.values())]
+        names = [
+            "lqg",
+            *(f"{name}={preset}-0" for name, preset in POLICIES.items()),
+            *(f"own={path}" for path in own.values()),
+        ]
         scenarios = {air: found for air, name in AIR.items() for found in find_scenarios(f"{name}@{vehicle}").values()}
         made = compare(names, scenarios, given.episodes, given.seed, CACHE, jobs=given.jobs)
         for air in AIR:
@@ -46,7 +57,9 @@ def main() -> None:
             ratio = f"{errors['one'] / errors['own']:.2f}" if own else ""
             numbers = [with_survival(f"{errors[name]:.3g}", cells[name]) for name in cells]
             rows.append([vehicle, air, *numbers, *([] if own else [""]), ratio])
-    table = markdown_table(["vehicle", "air", "lqg", "one network", "network of its own", "one / own"], rows)
+    table = markdown_table(
+        ["vehicle", "air", "lqg", "imitation", "one network", "network of its own", "one / own"], rows
+    )
     fill(DOCS / "one-policy/tables.md", {"vehicles": f"{made_by('one_policy', given.episodes, given.seed)}\n\n{table}"})
 
 

@@ -193,7 +193,10 @@ def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
             {"hybrid": HybridSettings("flatness", baseline_relative_reward=True)},
             "baseline_relative_reward must be False",
         ),
-        ({"hybrid": HybridSettings("flatness", "residual_action")}, "mode must be one of estimate_only, memory_only with algo 'apg'"),
+        (
+            {"hybrid": HybridSettings("flatness", "residual_action")},
+            "mode must be one of estimate_only, memory_only with algo 'apg'",
+        ),
     ],
     ids=str,
 )

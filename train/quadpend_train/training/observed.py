@@ -6,8 +6,9 @@ the observer (`quadpend_baselines.estimation`), so that generated C has their sl
     (1)  y = x + n,   b ← g(b, a, y),   o = h(b, y)         n: error of the sensors, independent of the policy
 
 with the belief b: the estimate, which the prediction through known delays and lags belongs to, the running mean squares
-of the situation, and the filtered innovations; or the memory of the measurements alone. A delay of the sensors is known: the flight ends with the last states,
-the oldest first. What other base controllers than those with a Kalman observer estimate has no slope.
+of the situation, and the filtered innovations; or the memory of the measurements alone. A delay of the sensors is
+known: the flight ends with the last states, the oldest first. What other base controllers than those with a Kalman
+observer estimate has no slope.
 """
 
 from functools import lru_cache
