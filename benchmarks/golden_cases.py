@@ -142,7 +142,7 @@ FLIGHTS: dict[str, dict[str, Parts]] = {
     "swing-up": {**SWING_UP, **RIGID},
     **dict.fromkeys(("apg", "ppo-alone", "sac-alone", "sac-agile"), PAPER),
     **dict.fromkeys(("ppo-gain-scheduling", "ppo-agile"), PAPER | HUMMINGBIRD | RIGID),
-    **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops", "dagger-vehicles"), HUMMINGBIRD),
+    **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops", "apg-vehicles", "dagger-vehicles"), HUMMINGBIRD),
     **{f"{algo}-load": LOAD for algo in ("ppo", "sac")},
     **{f"{algo}-{task}": SWING_UP for algo, task in product(("ppo", "sac"), ("swing-up", "recovery"))},
     "ppo-swing-up-wind": SWING_UP,
