@@ -1,6 +1,7 @@
 """Identification of vehicles from flight logs: simulated vehicles, and the public logs of a Crazyflie 2.1 Brushless.
 
     python -m experiments.identification                    # 20 simulated vehicles: docs/identification/simulated.csv
+    python -m experiments.identification --poles            # with poles, upright and hanging: poles.csv
     python -m experiments.identification --logs A.csv B.csv --columns C.toml     # fit on each log, test on the others
 
 The public logs are those of github.com/idsia-robotics/nanodrone-sysid-benchmark (branch model_export, folder
@@ -19,11 +20,12 @@ from experiments.pages import DOCS
 from experiments.simulated_logs import simulated_log
 from quadpend_gym.vehicles import VEHICLES, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import as_vehicle
-from quadpend_train.flights.identify import QUANTITIES, identify
+from quadpend_train.flights.identify import QUANTITIES, identify, stretched
 from quadpend_train.flights.readers import read_log
-from quadpend_train.flights.replay import compare, errors, fly, windows_of, without_pole
+from quadpend_train.flights.replay import compare, errors, fly, windows_of
 
-PATH = DOCS / "identification/simulated.csv"
+PATH, POLES = DOCS / "identification/simulated.csv", DOCS / "identification/poles.csv"
+FLIGHTS = {"upright": (1.0,), "hanging": (-1.0,), "none, upright": (0.0, 1.0), "none, hanging": (0.0, -1.0)}
 BASES = ("hummingbird", "crazyflie-brushless", "racer", "x500")
 LISTED = ("thrust_coefficient", "torque_per_thrust", "inertia_roll", "inertia_pitch", "drag_x", "drag_y", "drag_z")
 
@@ -85,12 +87,22 @@ def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
     return vehicle, start, truth
 
 
-def simulated(vehicles: int, first: int = 0) -> pd.DataFrame:
-    """Return one row for each quantity of each vehicle."""
-    rows = []
+def random_pole(vehicle: Vehicle, seed: int) -> tuple[Vehicle, dict[str, float]]:
+    """Return the vehicle with a random pole of the same mass, and the true quantities of the pole."""
+    length, drag = np.exp([0.3, 0.5] * np.random.default_rng((seed, 1)).uniform(-1.0, 1.0, 2)).tolist()
+    pole = stretched(vehicle.pole, length * vehicle.pole.length, drag * vehicle.pole.drag_area)
+    return replace(vehicle, pole=pole), {"pole_length": pole.length, "pole_drag_area": pole.drag_area}
+
+
+def simulated(vehicles: int, first: int = 0, sides: tuple[float, ...] = (0.0,)) -> pd.DataFrame:
+    """Return one row for each quantity of each vehicle, with one flight for each side of `simulated_log`."""
+    rows = list[dict[str, Any]]()
     for seed in range(first, first + vehicles):
         vehicle, start, truth = random_vehicle(seed)
-        found = identify([simulated_log(vehicle, seed)], start)
+        if any(sides):
+            vehicle, pole = random_pole(vehicle, seed)
+            truth |= pole
+        found = identify([simulated_log(vehicle, seed + 1000 * i, side=side) for i, side in enumerate(sides)], start)
         for name, estimate in found.estimates.items():
             low, high = estimate.interval
             row = {
@@ -101,7 +113,7 @@ def simulated(vehicles: int, first: int = 0) -> pd.DataFrame:
                 "value": estimate.value,
             }
             rows.append(row | {"low": low, "high": high, "identified": estimate.identified})
-        print(pd.DataFrame(rows[-len(QUANTITIES) :]).to_string(), flush=True)
+        print(pd.DataFrame(rows[-len(truth) :]).to_string(), flush=True)
     return pd.DataFrame(rows)
 
 
@@ -119,7 +131,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     }
     listed = known.quantity.isin(LISTED)
     print(f"coverage of all identified: {covered.mean():.1%}; listed within 5 %: {(error[listed] < 0.05).mean():.1%}")
-    return pd.DataFrame(parts).loc[list(QUANTITIES)]
+    return pd.DataFrame(parts).reindex([name for name in QUANTITIES if name in set(table.quantity)])
 
 
 def public(paths: list[Path], columns: Path, start: str) -> None:
@@ -141,7 +153,7 @@ def public(paths: list[Path], columns: Path, start: str) -> None:
             windows, medians = windows_of(log, 0.25, 0.05), list[float]()
             for each in vehicles.values():
                 coefficient = rotors_of(each).thrust_coefficient or found.coefficient
-                position = errors(fly(windows, without_pole(each), coefficient, found.delay), windows)[-1, :, :3]
+                position = errors(fly(windows, each, coefficient, found.delay), windows)[-1, :, :3]
                 medians.append(float(np.median(np.linalg.norm(position, axis=1))))
             print(f"  on {log.name}: median position at 0.25 s: {medians[1] / medians[0]:.2f} of {start}")
 
@@ -149,12 +161,18 @@ def public(paths: list[Path], columns: Path, start: str) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--vehicles", type=int, default=20, help="number of simulated vehicles")
+    parser.add_argument("--poles", action="store_true", help="fly with poles")
     parser.add_argument("--logs", type=Path, nargs="+", help="public logs, instead of simulated vehicles")
     parser.add_argument("--columns", type=Path, help="TOML file with the columns of the logs")
     parser.add_argument("--start", default="crazyflie-brushless", help="vehicle where fits begin")
     given = parser.parse_args()
     if given.logs:
         public(given.logs, given.columns, given.start)
+    elif given.poles:
+        tables = {name: simulated(given.vehicles, sides=sides) for name, sides in FLIGHTS.items()}
+        pd.concat(tables, names=["flights"]).droplevel(1).to_csv(POLES, float_format="%.6g")
+        for name, table in tables.items():
+            print(name, summary(table).to_string(float_format="{:.4f}".format), sep="\n")
     else:
         table = simulated(given.vehicles)
         PATH.parent.mkdir(exist_ok=True)
