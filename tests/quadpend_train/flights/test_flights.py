@@ -130,7 +130,7 @@ def test_a_hanging_pole_shows_its_length_and_its_drag(hanging: FlightLog, tmp_pa
 
 def test_a_resting_pole_shows_neither(hanging: FlightLog) -> None:
     log, random = hanging.part(0.0, 0.35), np.random.default_rng(0)
-    still = pole_motion([0.0, 0.0, -1.0] + random.normal(0.0, 0.005, (len(log), 3)), log.period)
+    still = pole_motion(random.normal((0.0, 0.0, -1.0), 0.005, (len(log), 3)), log.period)
     rest = np.tile([1.0, 0.0, 0.0, 0.0], (len(log), 1))
     hover = replace(log, position=0.0 * log.position, velocity=0.0 * log.velocity, quaternion=rest, pole=still)
     noise = random.normal(0.0, 0.02, log.rate.shape)
@@ -180,6 +180,13 @@ def test_a_wrong_order_of_motors_or_quaternions_is_said(log: FlightLog) -> None:
         check_log(replace(log, motors=log.motors[:, ::-1]), start)
     with pytest.raises(ValueError, match="check the order of the quaternion"):
         check_log(replace(log, quaternion=log.quaternion[:, [1, 2, 3, 0]]), start)
+
+
+def test_a_pole_from_its_end_to_the_pivot_is_said(hanging: FlightLog) -> None:
+    check_log(hanging, random_vehicle(SEED)[1])
+    assert hanging.pole is not None
+    with pytest.raises(ValueError, match="leads from the pivot to its centre of mass"):
+        check_log(replace(hanging, pole=-hanging.pole), random_vehicle(SEED)[1])
 
 
 def test_training_takes_the_vehicle_and_its_ranges(found: Identification, tmp_path: Path) -> None:

@@ -399,7 +399,16 @@ def motor_noise(log: FlightLog) -> float:
 
 
 def check_log(log: FlightLog, vehicle: Vehicle) -> None:
-    """Refuse a log whose attitude and body rate contradict each other, or whose motors are in another order."""
+    """Refuse a log whose attitude and body rate contradict each other, whose pole falls up, or with mixed-up motors."""
+    if log.pole is not None:
+        pull = smoothed_derivative(log.velocity, log.period) + np.array([0.0, 0.0, vehicle.gravity])
+        expected = np.cross(log.pole[:, :3], -pull).ravel()
+        found = np.cross(log.pole[:, :3], smoothed_derivative(log.pole[:, 3:], log.period)).ravel()
+        if np.corrcoef(expected, found)[0, 1] < -0.5:
+            raise ValueError(
+                f"the log {log.name!r} has a pole that falls upwards: check that its direction is in the world frame"
+                " and leads from the pivot to its centre of mass"
+            )
     rate, half = log.rate, max(1, round(0.05 / log.period))
     turned = rate_of_attitude(log.rotation, log.period)
     axes = [axis for axis in range(3) if rate[:, axis].std() > 0.1]
