@@ -4,8 +4,8 @@
     python -m experiments.identification --poles            # with poles, upright and hanging: poles.csv
     python -m experiments.identification --logs A.csv B.csv --columns C.toml     # fit on each log, test on the others
 
-The public logs are those of github.com/idsia-robotics/nanodrone-sysid-benchmark (branch model_export, folder
-data/real/processed/train), which states no licence, so they are not part of this repository.
+The public logs are those of github.com/idsia-robotics/nanodrone-sysid-benchmark (branch model_export, folders
+data/real/processed/train and data/real/raw/parquets), which states no licence, so they are not part of this repository.
 """
 
 import argparse
@@ -15,18 +15,21 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.integrate import cumulative_trapezoid
 
 from experiments.pages import DOCS
 from experiments.simulated_logs import simulated_log
+from quadpend_gym.core.files import read_toml
 from quadpend_gym.vehicles import VEHICLES, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import as_vehicle
+from quadpend_train.flights.flight_log import Columns, FlightLog, make_log
 from quadpend_train.flights.identify import QUANTITIES, identify, stretched
-from quadpend_train.flights.readers import read_log
-from quadpend_train.flights.replay import compare, errors, fly, windows_of
+from quadpend_train.flights.replay import compare, windows_of
 
 PATH, POLES = DOCS / "identification/simulated.csv", DOCS / "identification/poles.csv"
 FLIGHTS = {"upright": (1.0,), "hanging": (-1.0,), "none, upright": (0.0, 1.0), "none, hanging": (0.0, -1.0)}
 BASES = ("hummingbird", "crazyflie-brushless", "racer", "x500")
+AT = 0.25  # s: when the shares of `public` are taken
 LISTED = ("thrust_coefficient", "torque_per_thrust", "inertia_roll", "inertia_pitch", "drag_x", "drag_y", "drag_z")
 
 
@@ -134,28 +137,54 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(parts).reindex([name for name in QUANTITIES if name in set(table.quantity)])
 
 
-def public(paths: list[Path], columns: Path, start: str) -> None:
-    """Print the errors on each log of the vehicles that were fitted on the other ones, as ratios of the start's."""
-    vehicle = as_vehicle(start)
-    logs = [read_log(path, columns) for path in paths]
-    for fitted in logs:
+def read(path: Path, columns: Columns) -> tuple[FlightLog, float]:
+    """Return a log without spikes of the motors, and the position error after `AT` of the accelerometer (m).
+
+    The error is the root mean square over the windows of `compare`, from the logged starts, with the logged specific
+    force in the world frame in place of a model.
+    """
+    table = pd.read_csv(path)
+    motors = table[list(columns.motors)]
+    table = table[~(motors > 3.0 * motors.median()).any(axis=1)]
+    log = make_log(path.stem, table, columns)
+    force = make_log(path.stem, table, replace(columns, velocity=("ax", "ay", "az"))).velocity
+    once = cumulative_trapezoid(force - [0.0, 0.0, 9.81], dx=log.period, axis=0, initial=0)
+    twice, first = cumulative_trapezoid(once, dx=log.period, axis=0, initial=0), windows_of(log, 0.5, 0.05).first
+    last = first + round(AT / log.period)
+    moved = twice[last] - twice[first] + AT * (log.velocity - once)[first]
+    return log, float(np.sqrt(((log.position[last] - log.position[first] - moved) ** 2).sum(axis=1).mean()))
+
+
+def public(paths: list[Path], columns: Columns, start: str) -> pd.DataFrame:
+    """Return one row for each pair of logs: errors on one of the vehicle fitted on the other one, as shares.
+
+    Columns: after `AT`, shares of the errors of the start; the largest shares of the errors of `held` from 0.1 to
+    0.5 s; and the position error of the accelerometer as a share of that of the start.
+    """
+    vehicle, rows = as_vehicle(start), list[dict[str, Any]]()
+    logs = [read(path, columns) for path in paths]
+    for fitted, _ in logs:
         found = identify([fitted], vehicle, training=1.0)
         print(f"\nFitted on {fitted.name}\n{found.table()}", flush=True)
-        for log in logs:
-            vehicles = {start: vehicle, "identified": found.vehicle}
-            rms = compare(log, vehicles, delay=found.delay)
+        for log, floor in logs:
+            if log is fitted:
+                continue
+            rms = compare(log, {"start": vehicle, "new": found.vehicle}, delay=found.delay)
+            at, span = round(AT / log.period), slice(round(0.1 / log.period), None)
+            row: dict[str, Any] = {"fitted": fitted.name, "tested": log.name}
             for channel in ("position", "attitude"):
-                for time in (0.1, 0.25, 0.5):
-                    at = round(time / log.period)
-                    new, old, held = (rms[name][channel][at] for name in ("identified", start, "held"))
-                    ratios = f"{new / old:.2f} of {start}, {new / held:.2f} of held"
-                    print(f"  on {log.name}: {channel} at {time:g} s: {ratios}")
-            windows, medians = windows_of(log, 0.25, 0.05), list[float]()
-            for each in vehicles.values():
-                coefficient = rotors_of(each).thrust_coefficient or found.coefficient
-                position = errors(fly(windows, each, coefficient, found.delay), windows)[-1, :, :3]
-                medians.append(float(np.median(np.linalg.norm(position, axis=1))))
-            print(f"  on {log.name}: median position at 0.25 s: {medians[1] / medians[0]:.2f} of {start}")
+                row[channel] = rms["new"][channel][at] / rms["start"][channel][at]
+                row[f"{channel} of held"] = (rms["new"][channel][span] / rms["held"][channel][span]).max()
+            rows.append(row | {"accelerometer": floor / rms["start"]["position"][at]})
+            print(" ".join(f"{x:.2f}" if isinstance(x, float) else str(x) for x in rows[-1].values()), flush=True)
+    return pd.DataFrame(rows)
+
+
+def by_kind(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the ranges of the shares over the pairs of each two kinds of flights; names begin with the kind."""
+    kinds = [table[name].str.extract("^([a-z]+)", expand=False) for name in ("fitted", "tested")]
+    ranges = table.drop(columns=["fitted", "tested"]).groupby(kinds).agg(lambda x: f"{x.min():.2f} to {x.max():.2f}")
+    return ranges.assign(pairs=table.groupby(kinds).size())
 
 
 if __name__ == "__main__":
@@ -167,7 +196,7 @@ if __name__ == "__main__":
     parser.add_argument("--start", default="crazyflie-brushless", help="vehicle where fits begin")
     given = parser.parse_args()
     if given.logs:
-        public(given.logs, given.columns, given.start)
+        print(by_kind(public(given.logs, Columns(**read_toml(given.columns)), given.start)).to_string())
     elif given.poles:
         tables = {name: simulated(given.vehicles, sides=sides) for name, sides in FLIGHTS.items()}
         pd.concat(tables, names=["flights"]).droplevel(1).to_csv(POLES, float_format="%.6g")

@@ -101,6 +101,8 @@ def test_a_gap_is_in_no_window(log: FlightLog, tmp_path: Path) -> None:
     kept = make_log("gap", table[(table.time < 5.0) | (table.time > 6.0)], Columns())
     windows = windows_of(kept, 0.4, 0.1)
     assert kept.valid[windows.samples].all()
+    table.loc[500:520, ["x", "y", "z"]] = table.loc[500, ["x", "y", "z"]].to_numpy()  # as motion capture without sight
+    assert_array_equal(np.flatnonzero(~make_log("lost", table, Columns()).valid), np.arange(496, 526))
 
 
 def test_the_listed_quantities_are_identified_within_five_percent(found: Identification) -> None:
@@ -180,6 +182,8 @@ def test_a_wrong_order_of_motors_or_quaternions_is_said(log: FlightLog) -> None:
         check_log(replace(log, motors=log.motors[:, ::-1]), start)
     with pytest.raises(ValueError, match="check the order of the quaternion"):
         check_log(replace(log, quaternion=log.quaternion[:, [1, 2, 3, 0]]), start)
+    for seed in range(4):  # motors that explain no turning do not show their order
+        check_log(replace(log, motors=np.random.default_rng(seed).normal(1500.0, 50.0, log.motors.shape)), start)
 
 
 def test_a_pole_from_its_end_to_the_pivot_is_said(hanging: FlightLog) -> None:

@@ -17,7 +17,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import Interval, Range, settings, suggest
 
 _SMOOTHING = 0.05  # s: half width of the parabola that differentiates a log without velocities or body rates
-_LONGEST_GAP = 3.5  # periods without a sample; windows of a replay contain no longer gap
+_LONGEST_GAP = 3.5  # usual distances between two positions; windows of a replay contain no longer gap
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _SPEEDS = {"rad/s": 1.0, "rpm": np.pi / 30.0, "100 rpm": np.pi / 0.3, "N": 1.0, "1": 1.0}
 _RATES = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
@@ -135,8 +135,12 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     period = round(float(np.median(np.diff(time))), 6)
     grid = np.arange(time[0], time[-1], period)
 
-    def resampled(names: Sequence[str]) -> Floats:
-        return np.column_stack([np.interp(grid, time, table[name].to_numpy(float)) for name in names])
+    def resampled(names: Sequence[str], rows: Any = slice(None)) -> Floats:
+        return np.column_stack([np.interp(grid, time[rows], table[name].to_numpy(float)[rows]) for name in names])
+
+    seen = np.full(len(time), True)  # motion capture that loses the vehicle repeats the last position: no sample
+    if columns.position:
+        seen[1:-1] = (np.diff(table[list(columns.position)].to_numpy(float), axis=0) != 0.0).any(axis=1)[:-1]
 
     flip = np.array([1.0, 1.0, 1.0] if columns.frame == "up" else [1.0, -1.0, -1.0])
     if columns.quaternion:
@@ -149,11 +153,14 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     )
     if not columns.quaternion:
         rotation = _integral(rate, period)
-    position = flip * resampled(columns.position) if columns.position else np.zeros((len(grid), 3))
+    position = flip * resampled(columns.position, seen) if columns.position else np.zeros((len(grid), 3))
     velocity = flip * resampled(columns.velocity) if columns.velocity else smoothed_derivative(position, period)
-    pole = columns.pole_direction and pole_motion(flip * resampled(columns.pole_direction), period)
+    pole = columns.pole_direction and pole_motion(flip * resampled(columns.pole_direction, seen), period)
     motors = resampled(columns.motors) * _SPEEDS[columns.motor_unit] / columns.poles
-    after = np.searchsorted(time, grid).clip(1)
+    valid, samples = np.full(len(grid), True), time[seen]
+    distances = np.diff(samples)
+    for i in np.flatnonzero(distances > _LONGEST_GAP * np.median(distances)):  # derivatives near a gap contain it
+        valid &= (grid <= samples[i] - _SMOOTHING) | (grid >= samples[i + 1] + _SMOOTHING)
     return FlightLog(
         name,
         period,
@@ -165,7 +172,7 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
         columns.motor_unit in ("rad/s", "rpm", "100 rpm"),
         columns.measured,
         columns.position is not None,
-        time[after] - time[after - 1] < _LONGEST_GAP * period,
+        valid,
         pole,
     )
 

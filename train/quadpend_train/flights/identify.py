@@ -26,7 +26,9 @@ The inertia of yaw keeps its ratio to the sum of the two others, which the start
 Intervals: 95 %, from the covariance of blocks of windows, H⁻¹ (Σ gᵦ gᵦᵀ) H⁻¹ with the gradient gᵦ of each block, the
 Hessian H = Jᵀ diag(ρ″) J of the loss ρ, and Student's t. Errors in neighbouring windows depend on each other, which H⁻¹
 alone leaves out. White noise of the motor numbers biases the fit: as much noise again, added to the log, moves the
-minimum by about this bias, in one Newton step. The bias is subtracted, and counts as a deviation.
+minimum by about this bias, in one Newton step. The bias is subtracted, and counts as a deviation. If a
+regression on the motors explains less than 40 % of the angular accelerations about x and y, as in gentle flight,
+inertia, lag, delay and torques of the drag count as not identified.
 """
 
 from collections.abc import Sequence
@@ -52,6 +54,8 @@ _POLE_DRAG = 0.2  # m²/kg: drag area of a carbon tube per mass, where the fit b
 UNIDENTIFIED, _BLIND = 0.2, 1.0  # relative standard deviations; beyond the second, the value of the start is better
 _PASSES = (0.3, 1.0)  # share of each window in the first and in the second fit: far starts diverge in long windows
 _IGNORED = 1e9  # scale of errors that do not count
+_GENTLE = 0.4  # share of the angular accelerations that motors explain, below which neither order nor inertia shows
+_BY_TURNS = ("inertia_roll", "inertia_pitch", "lag", "delay", "drag_height", "angular_drag")
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
 
 
@@ -177,6 +181,8 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
         estimates |= fit.estimates(values, names)
     nothing = {name: Estimate(name, value, np.inf, (-np.inf, np.inf), False, True) for name, value in missing.items()}
     estimates = {name: (estimates | nothing)[name] for name in quantities}
+    if max(regression(log, start)[0] for log in fitted) < _GENTLE:
+        estimates |= {name: replace(estimates[name], identified=False) for name in _BY_TURNS}
     values |= {name: found.value for name, found in estimates.items() if not found.blind}
     vehicle = replace(fit.vehicle(values), name="identified")
     if not fit.has_pole:
@@ -398,19 +404,35 @@ def motor_noise(log: FlightLog) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(log.motors, 4, axis=0))) / np.sqrt(70.0))
 
 
+def regression(log: FlightLog, vehicle: Vehicle) -> tuple[float, Any]:
+    """Return the share of the angular accelerations about x and y that the motors explain, and its slopes.
+
+    The slopes are those by the squared motor numbers, shape (2, 4), after the delay that explains most: at most the
+    rotors' lag and 20 ms. Yaw is left out: in a controlled flight its regression is not reliable.
+    """
+    half, latest = max(1, round(0.05 / log.period)), (0.5 * sum(rotors_of(vehicle).lags) + 0.02) / log.period
+    squares = savgol_filter(log.motors**2, 2 * half + 1, 2, axis=0)
+    turning, found = smoothed_derivative(log.rate[:, :2], log.period), list[tuple[float, Any]]()
+    for late in np.unique(np.linspace(0.0, latest, 8).round().astype(int)).tolist():
+        before, after = squares[: len(log) - late], turning[late:]
+        before, after = before - before.mean(axis=0), after - after.mean(axis=0)
+        slopes = np.linalg.lstsq(before, after, rcond=None)[0]
+        found.append((1.0 - ((after - before @ slopes) ** 2).sum() / max((after**2).sum(), 1e-9), slopes.T))
+    return max(found, key=lambda each: each[0])
+
+
 def check_log(log: FlightLog, vehicle: Vehicle) -> None:
     """Refuse a log whose attitude and body rate contradict each other, whose pole falls up, or with mixed-up motors."""
     if log.pole is not None:
-        pull = smoothed_derivative(log.velocity, log.period) + np.array([0.0, 0.0, vehicle.gravity])
-        expected = np.cross(log.pole[:, :3], -pull).ravel()
-        found = np.cross(log.pole[:, :3], smoothed_derivative(log.pole[:, 3:], log.period)).ravel()
-        if np.corrcoef(expected, found)[0, 1] < -0.5:
+        direction, weight = log.pole[:, :3], np.array([0.0, 0.0, vehicle.gravity])
+        fall = np.cross(direction, -weight - smoothed_derivative(log.velocity, log.period)).ravel()
+        turning = np.cross(direction, smoothed_derivative(log.pole[:, 3:], log.period)).ravel()
+        if np.corrcoef(fall, turning)[0, 1] < -0.5:
             raise ValueError(
                 f"the log {log.name!r} has a pole that falls upwards: check that its direction is in the world frame"
                 " and leads from the pivot to its centre of mass"
             )
-    rate, half = log.rate, max(1, round(0.05 / log.period))
-    turned = rate_of_attitude(log.rotation, log.period)
+    rate, turned = log.rate, rate_of_attitude(log.rotation, log.period)
     axes = [axis for axis in range(3) if rate[:, axis].std() > 0.1]
     if any(np.corrcoef(rate[:, axis], turned[:, axis])[0, 1] < 0.5 for axis in axes):
         raise ValueError(
@@ -419,16 +441,14 @@ def check_log(log: FlightLog, vehicle: Vehicle) -> None:
         )
     if not axes or not np.ptp(log.motors):
         return  # nothing turns the body
-    rotors = rotors_of(vehicle)
-    x, y, _ = np.array(rotors.positions).T
-    expected = np.array([y, -x])  # yaw is left out: in a controlled flight its regression is not reliable
-    late = round((0.5 * sum(rotors.lags) + 0.01) / log.period)
-    squares = savgol_filter(log.motors**2, 2 * half + 1, 2, axis=0)[: len(log) - late]
-    turning = smoothed_derivative(rate, log.period)[late:]
-    slopes = np.linalg.lstsq(squares - squares.mean(axis=0), turning - turning.mean(axis=0), rcond=None)[0].T
+    explained, slopes = regression(log, vehicle)
+    if explained < _GENTLE:
+        return
+    x, y, _ = np.array(rotors_of(vehicle).positions).T
+    expected = np.array([y, -x])
 
     def score(order: Sequence[int]) -> float:
-        return float(sum(np.corrcoef(a[list(order)], b)[0, 1] for a, b in zip(slopes[:2], expected, strict=True)))
+        return float(sum(np.corrcoef(a[list(order)], b)[0, 1] for a, b in zip(slopes, expected, strict=True)))
 
     best = max(permutations(range(4)), key=score)
     if score(best) > score(range(4)) + 0.5:
