@@ -1,7 +1,7 @@
 """Identification of vehicles from flight logs: simulated vehicles, and the public logs of a Crazyflie 2.1 Brushless.
 
     python -m experiments.identification                    # 20 simulated vehicles: docs/identification/simulated.csv
-    python -m experiments.identification --poles            # with poles, upright and hanging: poles.csv
+    python -m experiments.identification --poles --vehicles 10       # with poles, upright and hanging: poles.csv
     python -m experiments.identification --logs A.csv B.csv --columns C.toml     # fit on each log, test on the others
 
 The public logs are those of github.com/idsia-robotics/nanodrone-sysid-benchmark (branch model_export, folders
@@ -201,7 +201,8 @@ if __name__ == "__main__":
         tables = {name: simulated(given.vehicles, sides=sides) for name, sides in FLIGHTS.items()}
         pd.concat(tables, names=["flights"]).droplevel(1).to_csv(POLES, float_format="%.6g")
         for name, table in tables.items():
-            print(name, summary(table).to_string(float_format="{:.4f}".format), sep="\n")
+            print(name)
+            print(summary(table).to_string(float_format="{:.4f}".format))
     else:
         table = simulated(given.vehicles)
         PATH.parent.mkdir(exist_ok=True)

@@ -123,7 +123,9 @@ def test_a_hanging_pole_shows_its_length_and_its_drag(hanging: FlightLog, tmp_pa
     assert found.estimates["pole_length"].value == pytest.approx(truth["pole_length"], rel=0.02)
     low, high = found.estimates["pole_drag_area"].interval
     assert low < truth["pole_drag_area"] < high < 1.5 * low
-    write_vehicle(found, start, tmp_path / "mine.toml")
+    training = write_vehicle(found, start, tmp_path / "mine.toml")
+    ranges = [scenario.parameters for scenario in find_scenarios([str(training)]).values()]
+    assert all(each and each.rod_length for each in ranges)
     pole = as_vehicle(str(tmp_path / "mine.toml")).pole
     assert pole.mass == start.pole.mass
     assert pole.equivalent_length / pole.length == pytest.approx(start.pole.equivalent_length / start.pole.length)
