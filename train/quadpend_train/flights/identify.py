@@ -55,6 +55,7 @@ UNIDENTIFIED, _BLIND = 0.2, 1.0  # relative standard deviations; beyond the seco
 _PASSES = (0.3, 1.0)  # share of each window in the first and in the second fit: far starts diverge in long windows
 _IGNORED = 1e9  # scale of errors that do not count
 _GENTLE = 0.4  # share of the angular accelerations that motors explain, below which neither order nor inertia shows
+_STILL = 0.3  # correlation of `falling` below which noise hides the pole's motion
 _BY_TURNS = ("inertia_roll", "inertia_pitch", "lag", "delay", "drag_height", "angular_drag")
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
 
@@ -162,7 +163,8 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
         check_log(log, start)
     fitted = [log.part(0.0, training) for log in logs]
     fit = _Fit([windows_of(log, _HORIZON, _STRIDE) for log in fitted], start)
-    missing = {name: fit.known[name] for name in unseen(logs[0])}
+    moved = [falling(log, start) > _STILL for log in fitted if log.pole is not None]
+    missing = {name: fit.known[name] for name in (*unseen(logs[0]), *(() if any(moved) else POLE))}
     quantities = [name for name in QUANTITIES if fit.has_pole or name not in POLE]
     values, names = fit.start | missing, [name for name in quantities if name not in missing]
     for share in _PASSES:
@@ -371,7 +373,7 @@ class _Fit:
             low, high = quantity.low * size, quantity.high * size
             value, d = min(max(values[name] - bias * size, low), high), deviation * size
             at_bound = name != "lag" and not low * 1.01 < value < high * 0.99
-            share = d / max(abs(value), size if name in _MAY_BE_ZERO else 0.0)
+            share = d / max(abs(value), size if name in _MAY_BE_ZERO else 1e-9 * size)
             interval = value - reach * d, value + reach * d
             out[name] = Estimate(name, value, d, interval, share < UNIDENTIFIED and not at_bound, share > _BLIND)
         return out
@@ -421,17 +423,22 @@ def regression(log: FlightLog, vehicle: Vehicle) -> tuple[float, Any]:
     return max(found, key=lambda each: each[0])
 
 
+def falling(log: FlightLog, vehicle: Vehicle) -> float:
+    """Return the correlation of the pole's angular acceleration with the one of a pole on this pivot."""
+    assert log.pole is not None
+    direction, weight = log.pole[:, :3], np.array([0.0, 0.0, vehicle.gravity])
+    expected = np.cross(direction, -weight - smoothed_derivative(log.velocity, log.period)).ravel()
+    turning = np.cross(direction, smoothed_derivative(log.pole[:, 3:], log.period)).ravel()
+    return float(np.corrcoef(expected, turning)[0, 1])
+
+
 def check_log(log: FlightLog, vehicle: Vehicle) -> None:
     """Refuse a log whose attitude and body rate contradict each other, whose pole falls up, or with mixed-up motors."""
-    if log.pole is not None:
-        direction, weight = log.pole[:, :3], np.array([0.0, 0.0, vehicle.gravity])
-        fall = np.cross(direction, -weight - smoothed_derivative(log.velocity, log.period)).ravel()
-        turning = np.cross(direction, smoothed_derivative(log.pole[:, 3:], log.period)).ravel()
-        if np.corrcoef(fall, turning)[0, 1] < -0.5:
-            raise ValueError(
-                f"the log {log.name!r} has a pole that falls upwards: check that its direction is in the world frame"
-                " and leads from the pivot to its centre of mass"
-            )
+    if log.pole is not None and falling(log, vehicle) < -0.5:
+        raise ValueError(
+            f"the log {log.name!r} has a pole that falls upwards: check that its direction is in the world frame and"
+            " leads from the pivot to its centre of mass"
+        )
     rate, turned = log.rate, rate_of_attitude(log.rotation, log.period)
     axes = [axis for axis in range(3) if rate[:, axis].std() > 0.1]
     if any(np.corrcoef(rate[:, axis], turned[:, axis])[0, 1] < 0.5 for axis in axes):
