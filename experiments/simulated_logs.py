@@ -63,8 +63,7 @@ def pole_gains(vehicle: Vehicle, speed: float, side: float) -> Floats:
     length = vehicle.pole.equivalent_length
     a[5, 2], a[5, 4], b[3] = -1.0 / length, side * vehicle.gravity / length, speed**2
     weights = np.diag([4.0, 1.0, 0.0, 0.0, 10.0, 1.0])
-    gains: Floats = b.T @ solve_continuous_are(a, b, weights, np.eye(1))
-    return gains[0]
+    return np.asarray((b.T @ solve_continuous_are(a, b, weights, np.eye(1)))[0])
 
 
 def simulated_log(
