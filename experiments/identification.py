@@ -1,6 +1,7 @@
 """Identification of vehicles from flight logs: simulated vehicles, and the public logs of a Crazyflie 2.1 Brushless.
 
     python -m experiments.identification                    # 20 simulated vehicles: docs/identification/simulated.csv
+    python -m experiments.identification --poles --vehicles 10       # with poles, upright and hanging: poles.csv
     python -m experiments.identification --logs A.csv B.csv --columns C.toml     # fit on each log, test on the others
 
 The public logs are those of github.com/idsia-robotics/nanodrone-sysid-benchmark (branch model_export, folders
@@ -22,10 +23,11 @@ from quadpend_gym.core.files import read_toml
 from quadpend_gym.vehicles import VEHICLES, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.flights.flight_log import Columns, FlightLog, make_log
-from quadpend_train.flights.identify import QUANTITIES, identify
+from quadpend_train.flights.identify import QUANTITIES, identify, stretched
 from quadpend_train.flights.replay import compare, windows_of
 
-PATH = DOCS / "identification/simulated.csv"
+PATH, POLES = DOCS / "identification/simulated.csv", DOCS / "identification/poles.csv"
+FLIGHTS = {"upright": (1.0,), "hanging": (-1.0,), "none, upright": (0.0, 1.0), "none, hanging": (0.0, -1.0)}
 BASES = ("hummingbird", "crazyflie-brushless", "racer", "x500")
 AT = 0.25  # s: when the shares of `public` are taken
 LISTED = ("thrust_coefficient", "torque_per_thrust", "inertia_roll", "inertia_pitch", "drag_x", "drag_y", "drag_z")
@@ -88,12 +90,22 @@ def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
     return vehicle, start, truth
 
 
-def simulated(vehicles: int, first: int = 0) -> pd.DataFrame:
-    """Return one row for each quantity of each vehicle."""
-    rows = []
+def random_pole(vehicle: Vehicle, seed: int) -> tuple[Vehicle, dict[str, float]]:
+    """Return the vehicle with a random pole of the same mass, and the true quantities of the pole."""
+    length, drag = np.exp([0.3, 0.5] * np.random.default_rng((seed, 1)).uniform(-1.0, 1.0, 2)).tolist()
+    pole = stretched(vehicle.pole, length * vehicle.pole.length, drag * vehicle.pole.drag_area)
+    return replace(vehicle, pole=pole), {"pole_length": pole.length, "pole_drag_area": pole.drag_area}
+
+
+def simulated(vehicles: int, first: int = 0, sides: tuple[float, ...] = (0.0,)) -> pd.DataFrame:
+    """Return one row for each quantity of each vehicle, with one flight for each side of `simulated_log`."""
+    rows = list[dict[str, Any]]()
     for seed in range(first, first + vehicles):
         vehicle, start, truth = random_vehicle(seed)
-        found = identify([simulated_log(vehicle, seed)], start)
+        if any(sides):
+            vehicle, pole = random_pole(vehicle, seed)
+            truth |= pole
+        found = identify([simulated_log(vehicle, seed + 1000 * i, side=side) for i, side in enumerate(sides)], start)
         for name, estimate in found.estimates.items():
             low, high = estimate.interval
             row = {
@@ -104,7 +116,7 @@ def simulated(vehicles: int, first: int = 0) -> pd.DataFrame:
                 "value": estimate.value,
             }
             rows.append(row | {"low": low, "high": high, "identified": estimate.identified})
-        print(pd.DataFrame(rows[-len(QUANTITIES) :]).to_string(), flush=True)
+        print(pd.DataFrame(rows[-len(truth) :]).to_string(), flush=True)
     return pd.DataFrame(rows)
 
 
@@ -122,7 +134,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     }
     listed = known.quantity.isin(LISTED)
     print(f"coverage of all identified: {covered.mean():.1%}; listed within 5 %: {(error[listed] < 0.05).mean():.1%}")
-    return pd.DataFrame(parts).loc[list(QUANTITIES)]
+    return pd.DataFrame(parts).reindex([name for name in QUANTITIES if name in set(table.quantity)])
 
 
 def read(path: Path, columns: Columns) -> tuple[FlightLog, float]:
@@ -178,12 +190,19 @@ def by_kind(table: pd.DataFrame) -> pd.DataFrame:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--vehicles", type=int, default=20, help="number of simulated vehicles")
+    parser.add_argument("--poles", action="store_true", help="fly with poles")
     parser.add_argument("--logs", type=Path, nargs="+", help="public logs, instead of simulated vehicles")
     parser.add_argument("--columns", type=Path, help="TOML file with the columns of the logs")
     parser.add_argument("--start", default="crazyflie-brushless", help="vehicle where fits begin")
     given = parser.parse_args()
     if given.logs:
         print(by_kind(public(given.logs, Columns(**read_toml(given.columns)), given.start)).to_string())
+    elif given.poles:
+        tables = {name: simulated(given.vehicles, sides=sides) for name, sides in FLIGHTS.items()}
+        pd.concat(tables, names=["flights"]).droplevel(1).to_csv(POLES, float_format="%.6g")
+        for name, table in tables.items():
+            print(name)
+            print(summary(table).to_string(float_format="{:.4f}".format))
     else:
         table = simulated(given.vehicles)
         PATH.parent.mkdir(exist_ok=True)

@@ -8,20 +8,20 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from experiments.identification import LISTED, random_vehicle
+from experiments.identification import LISTED, random_pole, random_vehicle
 from experiments.simulated_logs import Noise, manoeuvre, simulated_log
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.vehicles import Vehicle
 from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.cli.main import main
-from quadpend_train.flights.flight_log import Columns, FlightLog, make_log
+from quadpend_train.flights.flight_log import Columns, FlightLog, make_log, pole_motion
 from quadpend_train.flights.identify import Identification, check_log, identify
 from quadpend_train.flights.readers import PX4, read_log
 from quadpend_train.flights.replay import compare, errors, fly, windows_of, without_pole
 from quadpend_train.flights.vehicle_file import write_vehicle
 
 SEED = 1
-EXACT = Noise(position=0.0, attitude=0.0, rate=0.0, motors=0.0, delay=0.0, rate_of_log=200.0)
+EXACT = Noise(position=0.0, attitude=0.0, rate=0.0, motors=0.0, pole=0.0, delay=0.0, rate_of_log=200.0)
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +32,11 @@ def log() -> FlightLog:
 @pytest.fixture(scope="module")
 def found(log: FlightLog) -> Identification:
     return identify([log], random_vehicle(SEED)[1])
+
+
+@pytest.fixture(scope="module")
+def hanging() -> FlightLog:
+    return simulated_log(random_pole(random_vehicle(SEED)[0], SEED)[0], SEED, duration=16.0, side=-1.0)
 
 
 def motors_table(log: FlightLog, path: Path) -> pd.DataFrame:
@@ -47,6 +52,15 @@ def test_a_replay_of_an_exact_log_repeats_it() -> None:
     assert np.abs(errors(motion, windows)[-1, :, 6:9]).max() < 5e-3  # rad; the velocities of the log are smoothed
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_replay_of_an_exact_log_repeats_its_pole(side: float) -> None:
+    vehicle = random_vehicle(SEED)[0]
+    log = simulated_log(vehicle, 0, EXACT, duration=4.0, side=side)
+    windows = windows_of(log, 0.5, 0.1)
+    motion = fly(windows, vehicle, vehicle.rotors.thrust_coefficient, delay=0.5 * log.period)  # type: ignore[union-attr]
+    assert np.abs(errors(motion, windows)[-1, :, 12:]).max() < 5e-3
+
+
 def test_a_simulated_vehicle_with_low_drag_follows_the_manoeuvre() -> None:
     log = simulated_log(random_vehicle(0)[0], 0, EXACT, duration=8.0)
     wanted = np.array([manoeuvre(i * log.period)[0] for i in range(len(log))])
@@ -59,6 +73,15 @@ def test_a_log_survives_its_csv_file(log: FlightLog, tmp_path: Path) -> None:
     assert again.period == pytest.approx(log.period)
     for name in ("position", "velocity", "quaternion", "rate", "motors"):
         assert_allclose(getattr(again, name), getattr(log, name)[: len(again)], atol=1e-6)
+
+
+def test_the_direction_of_a_pole_may_have_any_length(hanging: FlightLog, tmp_path: Path) -> None:
+    table = motors_table(hanging, tmp_path / "log.csv")
+    table[["rx", "ry", "rz"]] *= 0.7
+    again = make_log("log", table, Columns(pole_direction=("rx", "ry", "rz")))
+    assert again.pole is not None
+    assert hanging.pole is not None
+    assert_allclose(again.pole[:, :3], hanging.pole[: len(again), :3], atol=1e-6)
 
 
 def test_units_and_frames_of_columns_are_converted(log: FlightLog, tmp_path: Path) -> None:
@@ -92,6 +115,33 @@ def test_the_listed_quantities_are_identified_within_five_percent(found: Identif
 def test_accelerating_rotors_show_their_inertia(found: Identification) -> None:
     low, high = found.estimates["rotor_inertia"].interval
     assert low < random_vehicle(SEED)[2]["rotor_inertia"] < high < 2.0 * low
+
+
+def test_a_hanging_pole_shows_its_length_and_its_drag(hanging: FlightLog, tmp_path: Path) -> None:
+    start, truth = random_vehicle(SEED)[1], random_pole(random_vehicle(SEED)[0], SEED)[1]
+    found = identify([hanging], start)
+    assert found.estimates["pole_length"].value == pytest.approx(truth["pole_length"], rel=0.02)
+    low, high = found.estimates["pole_drag_area"].interval
+    assert low < truth["pole_drag_area"] < high < 1.5 * low
+    training = write_vehicle(found, start, tmp_path / "mine.toml")
+    ranges = [scenario.parameters for scenario in find_scenarios([str(training)]).values()]
+    assert all(each and each.rod_length for each in ranges)
+    pole = as_vehicle(str(tmp_path / "mine.toml")).pole
+    assert pole.mass == start.pole.mass
+    assert pole.equivalent_length / pole.length == pytest.approx(start.pole.equivalent_length / start.pole.length)
+    assert "pole_length 0." in (tmp_path / "mine.toml").read_text()
+
+
+def test_a_resting_pole_shows_neither(hanging: FlightLog) -> None:
+    log, random = hanging.part(0.0, 0.35), np.random.default_rng(0)
+    still = pole_motion(random.normal((0.0, 0.0, -1.0), 0.005, (len(log), 3)), log.period)
+    rest = np.tile([1.0, 0.0, 0.0, 0.0], (len(log), 1))
+    hover = replace(log, position=0.0 * log.position, velocity=0.0 * log.velocity, quaternion=rest, pole=still)
+    noise = random.normal(0.0, 0.02, log.rate.shape)
+    hover = replace(hover, rate=noise, motors=np.full_like(log.motors, log.motors.mean()))
+    sentences = identify([hover], random_vehicle(SEED)[1]).sentences()
+    assert "pole_length is not identified; fly swings of the pole" in sentences
+    assert "pole_drag_area is not identified; fly fast straight flight to all sides" in sentences
 
 
 def test_thrusts_do_not_lag_behind_measured_speeds(log: FlightLog) -> None:
@@ -138,6 +188,13 @@ def test_a_wrong_order_of_motors_or_quaternions_is_said(log: FlightLog) -> None:
         check_log(replace(log, motors=np.random.default_rng(seed).normal(1500.0, 50.0, log.motors.shape)), start)
 
 
+def test_a_pole_from_its_end_to_the_pivot_is_said(hanging: FlightLog) -> None:
+    check_log(hanging, random_vehicle(SEED)[1])
+    assert hanging.pole is not None
+    with pytest.raises(ValueError, match="leads from the pivot to its centre of mass"):
+        check_log(replace(hanging, pole=-hanging.pole), random_vehicle(SEED)[1])
+
+
 def test_training_takes_the_vehicle_and_its_ranges(found: Identification, tmp_path: Path) -> None:
     start: Vehicle = random_vehicle(SEED)[1]
     path = write_vehicle(found, start, tmp_path / "mine.toml")
@@ -154,10 +211,14 @@ def test_training_takes_the_vehicle_and_its_ranges(found: Identification, tmp_pa
         assert scenario.loop.rotor_lag is not None
 
 
-def test_the_commands_reach_a_picture(log: FlightLog, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log.save(tmp_path / "log.csv")
-    main(["replay", str(tmp_path / "log.csv"), "--vehicle", "crazyflie-brushless", "--out", str(tmp_path / "a.png")])
-    assert "attitude, °" in capsys.readouterr().out
+def test_the_commands_reach_a_picture(hanging: FlightLog, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hanging.save(tmp_path / "log.csv")
+    (tmp_path / "columns.toml").write_text('pole_direction = ["rx", "ry", "rz"]')
+    given = ["--columns", str(tmp_path / "columns.toml"), "--out", str(tmp_path / "a.png")]
+    main(["replay", str(tmp_path / "log.csv"), "--vehicle", "crazyflie-brushless", *given])
+    out = capsys.readouterr().out
+    assert "attitude, °" in out
+    assert "pole, °" in out
     assert (tmp_path / "a.png").stat().st_size > 1000
 
 

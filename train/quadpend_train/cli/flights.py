@@ -48,8 +48,8 @@ def identify(
     """Identify a vehicle from flight logs, and write its file and scenarios for training.
 
     Args:
-        logs: Flight logs of one vehicle without a pole, as in replay.
-        vehicle: Vehicle with the true mass and rotor positions, a preset or a TOML file; the fit begins with it.
+        logs: Flight logs of one vehicle, as in replay, without a pole or with its direction.
+        vehicle: Vehicle with the true masses, rotor positions and pivot, a preset or TOML file; the fit begins with it.
         columns: TOML file with the names and units of the logs' columns.
         out: Vehicle file. The scenarios are beside it, in NAME-training.toml.
     """

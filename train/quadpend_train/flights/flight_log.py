@@ -37,6 +37,7 @@ class Columns:
     velocity: Three | None = None  # m/s, in the world frame; None: derivative of the position
     rate: Three | None = None  # in the body frame; None: derivative of the attitude
     rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    pole_direction: Three | None = None  # from the pivot along the pole, world frame, of any length; None: no pole flew
     time_unit: Literal["s", "ms", "us", "ns"] = "s"
     # speeds, thrusts in N, or "1": commands in [0, 1] whose square is proportional to the thrust
     motor_unit: Literal["rad/s", "rpm", "100 rpm", "N", "1"] = "rad/s"
@@ -71,6 +72,7 @@ class FlightLog:
         measured: Whether `motors` are measured, so that the thrust does not lag behind them.
         has_position: Whether position and velocity are measured; otherwise they are zero.
         valid: Whether the log has samples around a time, shape (n,).
+        pole: Direction of the pole from its pivot, world frame, and its derivative, 1/s, shape (n, 6); None: no pole.
     """
 
     name: str
@@ -84,6 +86,7 @@ class FlightLog:
     measured: bool
     has_position: bool
     valid: Any
+    pole: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.position)
@@ -97,19 +100,22 @@ class FlightLog:
         """Return the part from one share of the log to another, such as the first 70 %: ``part(0.0, 0.7)``."""
         cut = slice(int(first * len(self)), int(last * len(self)))
         arrays = ("position", "velocity", "quaternion", "rate", "motors", "valid")
-        return replace(self, **{name: getattr(self, name)[cut] for name in arrays})
+        pole = None if self.pole is None else self.pole[cut]
+        return replace(self, pole=pole, **{name: getattr(self, name)[cut] for name in arrays})
 
     def save(self, path: str | Path) -> None:
-        """Write a CSV file with the default columns."""
+        """Write a CSV file with the default columns, and rx, ry, rz for the direction of the pole."""
         names = [DEFAULT.time, "x", "y", "z", "vx", "vy", "vz", "qw", "qx", "qy", "qz", "wx", "wy", "wz"]
         arrays = (self.period * np.arange(len(self)), self.position, self.velocity, self.quaternion, self.rate)
         table = pd.DataFrame(np.column_stack([*arrays, self.motors]), columns=[*names, *DEFAULT.motors])
+        if self.pole is not None:
+            table[["rx", "ry", "rz"]] = self.pole[:, :3]
         table[self.valid].to_csv(path, index=False)
 
 
 def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     """Return a log from a table: on an even grid, in the package's frames, with the derivatives that it lacks."""
-    vectors = (columns.position, columns.velocity, columns.quaternion, columns.rate)
+    vectors = (columns.position, columns.velocity, columns.quaternion, columns.rate, columns.pole_direction)
     wanted = [columns.time, *columns.motors, *(name for names in vectors for name in names or ())]
     for column in wanted:
         if column not in table:
@@ -149,6 +155,7 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
         rotation = _integral(rate, period)
     position = flip * resampled(columns.position, seen) if columns.position else np.zeros((len(grid), 3))
     velocity = flip * resampled(columns.velocity) if columns.velocity else smoothed_derivative(position, period)
+    pole = columns.pole_direction and pole_motion(flip * resampled(columns.pole_direction, seen), period)
     motors = resampled(columns.motors) * _SPEEDS[columns.motor_unit] / columns.poles
     valid, samples = np.full(len(grid), True), time[seen]
     distances = np.diff(samples)
@@ -166,7 +173,14 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
         columns.measured,
         columns.position is not None,
         valid,
+        pole,
     )
+
+
+def pole_motion(along: Floats, period: float) -> Floats:
+    """Return `FlightLog.pole` from vectors along the pole, shape (n, 3)."""
+    direction = along / np.linalg.norm(along, axis=1, keepdims=True)
+    return np.hstack([direction, smoothed_derivative(direction, period)])
 
 
 def smoothed_derivative(values: Floats, period: float) -> Floats:

@@ -17,7 +17,10 @@ Mass, gravity and the geometry of the rotors are known. From motions and motor n
 | `drag_height`          | torque of this drag per force: where it acts above the centre of mass                     |
 | `angular_drag`, `_yaw` | torque against the body rate, about x and y, and about z                                  |
 | `centre_x`, `centre_y` | centre of mass in the frame of the rotors' positions, from the trim of the thrusts        |
+| `pole_length`          | only λ = l + J/(m l), against the acceleration of the pivot: J/(m l²) is assumed          |
+| `pole_drag_area`       | drag of the pole: its mass times an acceleration                                          |
 
+The last two need the direction of the pole, and then its mass and pivot must be right. Without it, no pole flies.
 The inertia of yaw keeps its ratio to the sum of the two others, which the start vehicle has.
 
 Intervals: 95 %, from the covariance of blocks of windows, H⁻¹ (Σ gᵦ gᵦᵀ) H⁻¹ with the gradient gᵦ of each block, the
@@ -39,7 +42,7 @@ from scipy.signal import savgol_filter
 from scipy.stats import t as student
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.vehicles import Drag, Vehicle, rotors_of
+from quadpend_gym.vehicles import Drag, Pole, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import FASTEST_LOOP
 from quadpend_train.flights.flight_log import FlightLog, rate_of_attitude, smoothed_derivative
 from quadpend_train.flights.replay import Windows, errors, fly, hover_coefficient, windows_of, without_pole
@@ -47,10 +50,12 @@ from quadpend_train.flights.replay import Windows, errors, fly, hover_coefficien
 TRAINING = 0.7  # share of each log for the fit; the rest is held out
 _HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 20  # s, s; times in a window at which errors count
 _BLOCKS = 30
+_POLE_DRAG = 0.2  # m²/kg: drag area of a carbon tube per mass, where the fit begins
 UNIDENTIFIED, _BLIND = 0.2, 1.0  # relative standard deviations; beyond the second, the value of the start is better
 _PASSES = (0.3, 1.0)  # share of each window in the first and in the second fit: far starts diverge in long windows
 _IGNORED = 1e9  # scale of errors that do not count
 _GENTLE = 0.4  # share of the angular accelerations that motors explain, below which neither order nor inertia shows
+_STILL = 0.3  # correlation of `falling` below which noise hides the pole's motion
 _BY_TURNS = ("inertia_roll", "inertia_pitch", "lag", "delay", "drag_height", "angular_drag")
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
 
@@ -82,7 +87,10 @@ QUANTITIES = {
     "angular_drag_yaw": Quantity("N·m·s/rad", 0.0, 50.0, "long turns about the vertical"),
     "centre_x": Quantity("m", -0.5, 0.5, "hover"),
     "centre_y": Quantity("m", -0.5, 0.5, "hover"),
+    "pole_length": Quantity("m", 0.3, 3.0, "swings of the pole"),
+    "pole_drag_area": Quantity("m²", 0.0, 20.0, _SPEED),
 }
+POLE = ("pole_length", "pole_drag_area")  # only from logs of the pole's direction
 _FROM_ZERO = ("delay", "drag_height", "centre_x", "centre_y")  # fits begin with zero
 _MAY_BE_ZERO = (*_FROM_ZERO, "lag")  # their size is the scale of the precision
 
@@ -144,21 +152,27 @@ def unseen(log: FlightLog) -> dict[str, str]:
 
 
 def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINING) -> Identification:
-    """Identify a vehicle from logs of flights without a pole.
+    """Identify a vehicle from logs of flights without a pole, or with its direction.
 
     Args:
         logs: Logs of one vehicle with the same motor numbers.
-        start: Vehicle with the true mass and geometry; everything else is where the fit begins.
+        start: Vehicle with the true masses and geometry; everything else is where the fit begins.
         training: Share of each log for the fit.
     """
     for log in logs:
         check_log(log, start)
     fitted = [log.part(0.0, training) for log in logs]
     fit = _Fit([windows_of(log, _HORIZON, _STRIDE) for log in fitted], start)
-    missing = {name: fit.known[name] for name in unseen(logs[0])}
-    values, names = fit.start | missing, [name for name in QUANTITIES if name not in missing]
+    moved = [falling(log, start) > _STILL for log in fitted if log.pole is not None]
+    missing = {name: fit.known[name] for name in (*unseen(logs[0]), *(() if any(moved) else POLE))}
+    quantities = [name for name in QUANTITIES if fit.has_pole or name not in POLE]
+    values, names = fit.start | missing, [name for name in quantities if name not in missing]
     for share in _PASSES:
         fit.cut(share)
+        fit.scale(values)
+        values = fit.solve(values, names)
+    if fit.has_pole:  # noise of the logged direction biases the length, since its errors in the starts grow
+        fit.correct_poles(values)
         fit.scale(values)
         values = fit.solve(values, names)
     estimates = fit.estimates(values, names)
@@ -168,11 +182,13 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
         values = fit.solve({**values, **fixed}, names)
         estimates |= fit.estimates(values, names)
     nothing = {name: Estimate(name, value, np.inf, (-np.inf, np.inf), False, True) for name, value in missing.items()}
-    estimates = {name: (estimates | nothing)[name] for name in QUANTITIES}
+    estimates = {name: (estimates | nothing)[name] for name in quantities}
     if max(regression(log, start)[0] for log in fitted) < _GENTLE:
         estimates |= {name: replace(estimates[name], identified=False) for name in _BY_TURNS}
     values |= {name: found.value for name, found in estimates.items() if not found.blind}
-    vehicle = replace(fit.vehicle(values), pole=start.pole, pivot=start.pivot, name="identified")
+    vehicle = replace(fit.vehicle(values), name="identified")
+    if not fit.has_pole:
+        vehicle = replace(vehicle, pole=start.pole, pivot=start.pivot)
     held_out = [log.part(training, 1.0) for log in logs] if training < 1.0 else []
     return Identification(vehicle, values["thrust_coefficient"], values["delay"], estimates, fitted, held_out)
 
@@ -181,11 +197,12 @@ class _Fit:
     """The errors of a vehicle in the windows of logs as functions of the quantities."""
 
     def __init__(self, windows: Sequence[Windows], start: Vehicle) -> None:
-        self.whole, self.base = windows, without_pole(start)
+        self.has_pole = any(each.log.pole is not None for each in windows)
+        self.whole, self.base = windows, start if self.has_pole else without_pole(start)
         self.cut(1.0)
-        rotors, mass = rotors_of(start), start.mass
+        rotors, mass, pole = rotors_of(start), start.mass, start.pole
         arm = float(np.abs(np.array(rotors.positions)[:, :2]).max())
-        coefficient = float(np.mean([hover_coefficient(each.log, mass, start.gravity) for each in windows]))
+        coefficient = float(np.mean([hover_coefficient(each.log, start) for each in windows]))
         roll, pitch, _ = np.diag(start.inertia_matrix).tolist()
         lag, drag = max(0.5 * sum(rotors.lags), 0.02), 0.2 * mass
         self.sizes = {
@@ -200,6 +217,8 @@ class _Fit:
             "drag_height": arm,
             **dict.fromkeys(("angular_drag", "angular_drag_yaw"), roll),
             **dict.fromkeys(("centre_x", "centre_y"), 0.1 * arm),
+            "pole_length": pole.length,
+            "pole_drag_area": _POLE_DRAG * pole.mass,
         }
         self.start = {name: 0.0 if name in _FROM_ZERO else size for name, size in self.sizes.items()}
         kept = rotors.thrust_coefficient if windows[0].log.has_speeds else None
@@ -207,10 +226,11 @@ class _Fit:
         self.known = self.start | {"drag_x": x, "drag_y": y, "drag_z": z, "drag_height": start.drag.height}
         self.known |= {"thrust_coefficient": kept or coefficient, "lag": max(0.5 * sum(rotors.lags), 1e-4)}
         self.known |= {"angular_drag": start.drag.angular[0], "angular_drag_yaw": start.drag.angular[2]}
-        self.known |= {"rotor_inertia": rotors.inertia}
+        self.known |= {"rotor_inertia": rotors.inertia, "pole_drag_area": pole.drag_area}
         self.scales: Any = 1.0
-        self.slopes: Any = None  # of the errors by the starts of the windows, shape (w, 12, 12 times)
-        self.gains: Any = None  # the starts that explain errors best, shape (w, 12, 12 times)
+        self.slopes: Any = None  # of the errors by the starts of the windows, shape (w, 12 or 16, c times)
+        self.norms: Any = None  # by which the slopes were divided, shape (w, 12 or 16)
+        self.gains: Any = None  # the starts that explain errors best, shape (w, 12 or 16, c times)
 
     def cut(self, share: float) -> None:
         """Count only the first part of each window from now on."""
@@ -218,7 +238,7 @@ class _Fit:
         self.at = np.unique(np.linspace(0, self.windows[0].steps, _TIMES + 1).round().astype(int))
 
     def vehicle(self, values: dict[str, float]) -> Vehicle:
-        """Return the vehicle with these values, with a nearly weightless pole."""
+        """Return the vehicle with these values; without a pole in the logs, with a nearly weightless one."""
         v, base, rotors = values, self.base, rotors_of(self.base)
         roll, pitch, yaw = np.diag(base.inertia_matrix).tolist()
         inertia = v["inertia_roll"], v["inertia_pitch"]
@@ -228,6 +248,7 @@ class _Fit:
         most = v["thrust_coefficient"] * max(float(each.log.motors.max()) for each in self.windows) ** 2
         return replace(
             base,
+            pole=stretched(base.pole, v["pole_length"], v["pole_drag_area"]) if self.has_pole else base.pole,
             inertia=(*inertia, sum(inertia) * yaw / (roll + pitch)),
             rotors=replace(
                 rotors,
@@ -247,50 +268,68 @@ class _Fit:
             rate_loop=replace(base.rate_loop, time_constant=max(base.rate_loop.time_constant, FASTEST_LOOP * v["lag"])),
         )
 
-    def errors(self, values: dict[str, float]) -> Floats:
-        """Return the scaled errors at the chosen times, shape (times, w, 12)."""
+    def unscaled(self, values: dict[str, float], offset: Any = None) -> Floats:
+        """Return the errors at the chosen times, shape (times, w, c); c is 12, or 15 with a pole."""
         vehicle, coefficient, delay = self.vehicle(values), values["thrust_coefficient"], values["delay"]
-        found = [errors(fly(each, vehicle, coefficient, delay), each, self.at) for each in self.windows]
-        scaled = np.concatenate(found, axis=1) / self.scales
+        windows = self.windows
+        if offset is not None:
+            windows = [replace(w, offset=offset if w.offset is None else offset + w.offset) for w in windows]
+        found = [errors(fly(each, vehicle, coefficient, delay), each, self.at) for each in windows]
+        channels = max(each.shape[2] for each in found)  # a log without a pole has no errors of it
+        return np.concatenate([np.pad(each, ((0, 0), (0, 0), (0, channels - each.shape[2]))) for each in found], axis=1)
+
+    def errors(self, values: dict[str, float]) -> Floats:
+        """Return the scaled errors without what the starts of the windows explain, shape (times, w, c)."""
+        scaled = self.unscaled(values) / self.scales
         if self.slopes is None:
             return np.asarray(scaled)
-        flat = np.swapaxes(scaled, 0, 1).reshape(scaled.shape[1], -1)
-        starts = np.einsum("wsn,wn->ws", self.gains, flat)
+        flat, starts = self.explained(scaled)
         flat = flat - np.einsum("wsn,ws->wn", self.slopes, starts)
-        return np.ascontiguousarray(np.swapaxes(flat.reshape(scaled.shape[1], scaled.shape[0], 12), 0, 1))
+        return np.ascontiguousarray(np.swapaxes(flat.reshape(scaled.shape[1], scaled.shape[0], -1), 0, 1))
+
+    def explained(self, scaled: Floats) -> tuple[Floats, Floats]:
+        """Return the errors of each window, shape (w, n), and the starts that explain them best, shape (w, s)."""
+        flat = np.swapaxes(scaled, 0, 1).reshape(scaled.shape[1], -1)
+        return flat, np.einsum("wsn,wn->ws", self.gains, flat)
+
+    def correct_poles(self, values: dict[str, float]) -> None:
+        """Start the pole from now on where the errors of the window are the smallest."""
+        starts = -self.explained(self.unscaled(values) / self.scales)[1] / self.norms
+        starts[:, :12] = 0.0  # the body's starts stay
+        counts = np.cumsum([len(each.first) for each in self.windows])
+        self.windows = [replace(w, offset=a) for w, a in zip(self.windows, np.split(starts, counts[:-1]), strict=True)]
 
     def scale(self, values: dict[str, float]) -> None:
         """Divide errors from now on by their root mean square with these values, over times, windows and axes.
 
         What the starts of the windows explain is subtracted from now on.
         """
-        self.scales, self.slopes = np.ones(12), None
-        vehicle, coefficient, delay = self.vehicle(values), values["thrust_coefficient"], values["delay"]
-
-        def moved(offset: Floats) -> Any:
-            found = [errors(fly(each, vehicle, coefficient, delay, offset), each, self.at) for each in self.windows]
-            return np.swapaxes(np.concatenate(found, axis=1), 0, 1)
-
-        by_start = np.stack([moved(_STEP * unit) - moved(np.zeros(12)) for unit in np.eye(12)], axis=1) / _STEP
+        self.scales, self.slopes = 1.0, None
+        here, units = self.unscaled(values, np.zeros(16)), np.eye(16)[: 16 if self.has_pole else 12]
+        moved = [np.swapaxes(self.unscaled(values, _STEP * unit) - here, 0, 1) for unit in units]
+        by_start = np.stack(moved, axis=1) / _STEP
         for _ in range(2):  # the second time without what the starts explain
             found = self.errors(values) * self.scales
-            size = np.sqrt((found.reshape(*found.shape[:2], 4, 3) ** 2).mean(axis=(0, 1, 3)))
+            size = np.sqrt((found.reshape(*found.shape[:2], -1, 3) ** 2).mean(axis=(0, 1, 3)))
             size[1] = _IGNORED
+            with_pole = sum(len(each.first) for each in self.windows if each.log.pole is not None)
+            size[4:] *= np.sqrt(found.shape[1] / max(1, with_pole))  # over the windows with a pole
             if not all(each.log.has_position for each in self.windows):
                 size[0] = _IGNORED
             self.scales = np.repeat(np.maximum(size, 1e-9), 3)
             slopes = (by_start / self.scales).reshape(*by_start.shape[:2], -1)
-            slopes /= np.maximum(np.linalg.norm(slopes, axis=2, keepdims=True), 1e-6)
-            self.slopes = slopes
-            self.gains = np.linalg.solve(slopes @ np.swapaxes(slopes, 1, 2) + 1e-9 * np.eye(12), slopes)
+            norms = np.maximum(np.linalg.norm(slopes, axis=2, keepdims=True), 1e-6)
+            slopes /= norms
+            self.slopes, self.norms = slopes, norms[..., 0]
+            self.gains = np.linalg.solve(slopes @ np.swapaxes(slopes, 1, 2) + 1e-9 * np.eye(len(units)), slopes)
 
     def jacobian(self, values: dict[str, float], names: Sequence[str]) -> Floats:
-        """Return the derivatives of the errors by quantities in units of their sizes, shape (times, w, 12, k)."""
+        """Return the derivatives of the errors by quantities in units of their sizes, shape (times, w, c, k)."""
         here = self.errors(values)
         moved = (self.errors({**values, name: values[name] + _STEP * self.sizes[name]}) for name in names)
         return np.stack([(there - here) / _STEP for there in moved], axis=-1)
 
-    def solve(self, values: dict[str, float], names: Sequence[str] = tuple(QUANTITIES)) -> dict[str, float]:
+    def solve(self, values: dict[str, float], names: Sequence[str]) -> dict[str, float]:
         """Return the values that minimise the loss of the errors, beginning with these."""
 
         def full(x: Any) -> dict[str, float]:
@@ -315,7 +354,7 @@ class _Fit:
         )
         return full(found.x)
 
-    def estimates(self, values: dict[str, float], names: Sequence[str] = tuple(QUANTITIES)) -> dict[str, Estimate]:
+    def estimates(self, values: dict[str, float], names: Sequence[str]) -> dict[str, Estimate]:
         """Return the quantities with their deviations and intervals."""
         found, slopes = self.errors(values), self.jacobian(values, names)
         weight = (1.0 + found**2) ** -0.5  # of the loss
@@ -334,7 +373,7 @@ class _Fit:
             low, high = quantity.low * size, quantity.high * size
             value, d = min(max(values[name] - bias * size, low), high), deviation * size
             at_bound = name != "lag" and not low * 1.01 < value < high * 0.99
-            share = d / max(abs(value), size if name in _MAY_BE_ZERO else 0.0)
+            share = d / max(abs(value), size if name in _MAY_BE_ZERO else 1e-9 * size)
             interval = value - reach * d, value + reach * d
             out[name] = Estimate(name, value, d, interval, share < UNIDENTIFIED and not at_bound, share > _BLIND)
         return out
@@ -353,6 +392,13 @@ class _Fit:
             out += 0.5 * np.einsum("twci,twc->i", slopes, found * (1.0 + found**2) ** -0.5)
         self.windows = kept
         return out
+
+
+def stretched(pole: Pole, length: float, drag_area: float) -> Pole:
+    """Return a pole with another length and drag area, the same mass and the same J/(m l²)."""
+    stretch = length / pole.length
+    extent = None if pole.extent is None else stretch * pole.extent
+    return replace(pole, length=length, inertia=stretch**2 * pole.inertia, drag_area=drag_area, extent=extent)
 
 
 def motor_noise(log: FlightLog) -> float:
@@ -377,8 +423,22 @@ def regression(log: FlightLog, vehicle: Vehicle) -> tuple[float, Any]:
     return max(found, key=lambda each: each[0])
 
 
+def falling(log: FlightLog, vehicle: Vehicle) -> float:
+    """Return the correlation of the pole's angular acceleration with the one of a pole on this pivot."""
+    assert log.pole is not None
+    direction, weight = log.pole[:, :3], np.array([0.0, 0.0, vehicle.gravity])
+    expected = np.cross(direction, -weight - smoothed_derivative(log.velocity, log.period)).ravel()
+    turning = np.cross(direction, smoothed_derivative(log.pole[:, 3:], log.period)).ravel()
+    return float(np.corrcoef(expected, turning)[0, 1])
+
+
 def check_log(log: FlightLog, vehicle: Vehicle) -> None:
-    """Refuse a log whose attitude and body rate contradict each other, or whose motors are in another order."""
+    """Refuse a log whose attitude and body rate contradict each other, whose pole falls up, or with mixed-up motors."""
+    if log.pole is not None and falling(log, vehicle) < -0.5:
+        raise ValueError(
+            f"the log {log.name!r} has a pole that falls upwards: check that its direction is in the world frame and"
+            " leads from the pivot to its centre of mass"
+        )
     rate, turned = log.rate, rate_of_attitude(log.rotation, log.period)
     axes = [axis for axis in range(3) if rate[:, axis].std() > 0.1]
     if any(np.corrcoef(rate[:, axis], turned[:, axis])[0, 1] < 0.5 for axis in axes):

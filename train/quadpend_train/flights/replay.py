@@ -2,7 +2,7 @@
 
 A window begins with the logged position, velocity, attitude and body rate, and with the rotor thrusts that the commands
 before it have brought; thrusts do not lag behind measured speeds. All windows are one batch of the plant. The vehicle
-has no pole, unless it is asked for.
+has its pole if the log has the pole's direction.
 """
 
 from dataclasses import dataclass, replace
@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.plants import RigidPlant
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
-from quadpend_gym.physics.state import STATE_SIZE, TORQUE, State
+from quadpend_gym.physics.state import DIRECTION, STATE_SIZE, TORQUE, State
 from quadpend_gym.vehicles import Pole, RateLoop, Rotors, Simulation, Vehicle, hover_thrusts, rotors_of
 from quadpend_train.flights.flight_log import FlightLog
 from quadpend_train.reports.figures import add_axes, add_legend, colour, line, new_figure, write_png
 
-CHANNELS = {"position": "mm", "velocity": "mm/s", "attitude": "°", "rate": "°/s"}
-SCALES = {"position": 1e3, "velocity": 1e3, "attitude": np.degrees(1.0), "rate": np.degrees(1.0)}
+CHANNELS = {"position": "mm", "velocity": "mm/s", "attitude": "°", "rate": "°/s", "pole": "°"}
+SCALES = dict(zip(CHANNELS, (1e3, 1e3, *np.degrees(np.ones(3))), strict=True))
 _NO_POLE = Pole(mass=1e-5, length=0.5)  # the lightest one; its weight is 0.1 mN
 _LONGEST_STEP = 0.005  # s
 _WARM_UP = 8.0  # lags of the rotors before a window, in which their thrusts forget where they began
@@ -35,11 +35,14 @@ class Windows:
         log: The log.
         first: Index of the first sample of each window, shape (w,).
         steps: Periods of a window.
+        offset: Added to each logged start: position, velocity, attitude (rotation vector), body rate, x and y of the
+            pole's direction, and their derivatives, shape (16,) or (w, 16).
     """
 
     log: FlightLog
     first: Any
     steps: int
+    offset: Any = None
 
     @property
     def samples(self) -> Any:
@@ -63,19 +66,19 @@ def without_pole(vehicle: Vehicle) -> Vehicle:
     return replace(vehicle, pole=_NO_POLE, pivot=(0.0, 0.0, 0.0))
 
 
-def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0.0, offset: Any = None) -> Any:
-    """Return the motion of a vehicle in all windows as an array of 13 numbers, shape (steps + 1, w, 13).
+def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0.0) -> Any:
+    """Return the motion of a vehicle in all windows, shape (steps + 1, w, 13), or (steps + 1, w, 16) with a pole.
 
-    Position and velocity (world, m and m/s), quaternion (w, x, y, z), and body rate (rad/s).
+    Position and velocity (world, m and m/s), quaternion (w, x, y, z), body rate (rad/s), and direction of the pole.
 
     Args:
         windows: The windows.
-        vehicle: The vehicle, see `without_pole`.
+        vehicle: The vehicle; its pole flies if the log has one.
         coefficient: Thrust per squared number of `FlightLog.motors`, N.
         delay: Time by which the log of the motion is later than that of the motors, s.
-        offset: Added to each start: position, velocity, attitude (rotation vector) and body rate, shape (12,).
     """
-    log, rotors = windows.log, rotors_of(vehicle)
+    log, offset, rotors = windows.log, windows.offset, rotors_of(vehicle)
+    vehicle = without_pole(vehicle) if log.pole is None else vehicle
     if log.measured:
         rotors = replace(rotors, lag_up=0.0, lag_down=None)
     low, high = rotors.thrust
@@ -98,25 +101,32 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
     view = State(state)
     view.position[:], view.velocity[:] = log.position[windows.first], log.velocity[windows.first]
     view.direction[:, 2] = 1.0
+    if log.pole is not None:
+        state[:, DIRECTION:] = log.pole[windows.first]
+        if offset is not None:
+            view.direction[:, :2] += offset[..., 12:14]
+            view.direction_rate[:, :2] += offset[..., 14:]
+        view.direction[:] /= np.linalg.norm(view.direction, axis=1, keepdims=True)
+        view.direction_rate[:] -= (view.direction * view.direction_rate).sum(axis=1, keepdims=True) * view.direction
     memory[:, QUATERNION:BODY_RATE] = log.quaternion[windows.first]
     memory[:, BODY_RATE:ROTOR_THRUST] = log.rate[windows.first]
     if offset is not None:
-        view.position[:] += offset[:3]
-        view.velocity[:] += offset[3:6]
-        turned = log.rotation[windows.first] * Rotation.from_rotvec(offset[6:9])
+        view.position[:] += offset[..., :3]
+        view.velocity[:] += offset[..., 3:6]
+        turned = log.rotation[windows.first] * Rotation.from_rotvec(offset[..., 6:9])
         memory[:, QUATERNION:BODY_RATE] = turned.as_quat(scalar_first=True)
-        memory[:, BODY_RATE:ROTOR_THRUST] += offset[9:]
+        memory[:, BODY_RATE:ROTOR_THRUST] += offset[..., 9:12]
     memory[:, ROTOR_THRUST:] = _thrusts_at(windows.first, thrusts, rotors.lags, log.period)
     parameters = np.tile(simulation.parameters.as_array(), (count, 1))
-    out = np.empty((windows.steps + 1, count, 13))
+    out = np.empty((windows.steps + 1, count, 16))
     for step in range(windows.steps + 1):
-        out[step] = np.hstack([view.position, view.velocity, memory[:, :ROTOR_THRUST]])
+        out[step] = np.hstack([view.position, view.velocity, memory[:, :ROTOR_THRUST], view.direction])
         if step < windows.steps:
             disturbance, at = np.zeros((count, 9)), windows.first + step
             if log.has_speeds:
                 disturbance[:, TORQUE:] = spin_up_torque(memory, thrusts[at], rotors, coefficient, log.period)
             plant.advance(state, memory, actions[at], disturbance, parameters)
-    return out
+    return out[..., :13] if log.pole is None else out
 
 
 def spin_up_torque(memory: Any, wanted: Any, rotors: Rotors, coefficient: float, period: float) -> Any:
@@ -156,7 +166,7 @@ def _after(now: Any, wanted: Any, lags: tuple[float, float], period: float) -> A
 def errors(motion: Any, windows: Windows, steps: Any = slice(None)) -> Any:
     """Return motion minus log: position, velocity, attitude (rotation vector) and body rate, shape (steps + 1, w, 12).
 
-    `steps` selects steps of the windows.
+    With a pole, three more: its direction. `steps` selects steps of the windows.
     """
     log, at, motion = windows.log, windows.samples[steps], motion[steps]
     logged, flown = log.quaternion[at], motion[..., 6:10]
@@ -166,27 +176,30 @@ def errors(motion: Any, windows: Windows, steps: Any = slice(None)) -> Any:
     half = np.arctan2(np.copysign(sine, cosine), np.abs(cosine))
     attitude = 2.0 * half / np.maximum(sine, 1e-12) * turn
     linear = motion[..., :6] - np.concatenate([log.position[at], log.velocity[at]], axis=-1)
-    return np.concatenate([linear, attitude, motion[..., 10:] - log.rate[at]], axis=-1)
+    pole = [] if log.pole is None else [motion[..., 13:] - log.pole[at, :3]]
+    return np.concatenate([linear, attitude, motion[..., 10:13] - log.rate[at], *pole], axis=-1)
 
 
 def rms(found: Any) -> dict[str, Floats]:
     """Return the root mean square of the length of each error over the windows, SI units, shape (steps + 1,) each."""
-    sizes = np.sqrt((found.reshape(*found.shape[:2], 4, 3) ** 2).sum(axis=-1).mean(axis=1))
-    return dict(zip(CHANNELS, sizes.T, strict=True))
+    sizes = np.sqrt((found.reshape(*found.shape[:2], -1, 3) ** 2).sum(axis=-1).mean(axis=1))
+    return dict(zip(CHANNELS, sizes.T, strict=False))  # without a pole, the last channel is missing
 
 
 def held(windows: Windows) -> Any:
-    """Return the motion with constant velocity and the attitude and body rate of the start, as `fly` does."""
+    """Return the motion with constant velocity and the attitude, body rate and pole of the start, as `fly` does."""
     log, first = windows.log, windows.first
-    start = np.hstack([log.position[first], log.velocity[first], log.quaternion[first], log.rate[first]])
+    pole = [] if log.pole is None else [log.pole[first, :3]]
+    start = np.hstack([log.position[first], log.velocity[first], log.quaternion[first], log.rate[first], *pole])
     out = np.tile(start, (windows.steps + 1, 1, 1))
     times = log.period * np.arange(windows.steps + 1)
     out[..., :3] += times[:, np.newaxis, np.newaxis] * log.velocity[first]
     return out
 
 
-def hover_coefficient(log: FlightLog, mass: float, gravity: float) -> float:
+def hover_coefficient(log: FlightLog, vehicle: Vehicle) -> float:
     """Return the thrust per squared motor number that explains the log's vertical acceleration, N."""
+    gravity, mass = vehicle.gravity, vehicle.mass + (0.0 if log.pole is None else vehicle.pole.mass)
     if not log.has_position:  # near hover on average
         return float(mass * gravity / (log.motors**2).sum(axis=1).mean())
     lift = log.rotation.as_matrix()[:, 2, 2] * (log.motors**2).sum(axis=1)
@@ -205,8 +218,8 @@ def compare(
     windows, out = windows_of(log, horizon, 0.05), dict[str, dict[str, Floats]]()
     for name, vehicle in vehicles.items():
         known = rotors_of(vehicle).thrust_coefficient if log.has_speeds else None
-        coefficient = known or hover_coefficient(log, vehicle.mass, vehicle.gravity)
-        out[name] = rms(errors(fly(windows, without_pole(vehicle), coefficient, delay), windows))
+        coefficient = known or hover_coefficient(log, vehicle)
+        out[name] = rms(errors(fly(windows, vehicle, coefficient, delay), windows))
     out["held"] = rms(errors(held(windows), windows))
     times = np.asarray(log.period * np.arange(windows.steps + 1), float)
     return {name: {"time": times, **found} for name, found in out.items()}
@@ -218,18 +231,24 @@ def table(found: dict[str, dict[str, Floats]]) -> str:
     time = found["held"]["time"]
     rows = np.unique(np.linspace(0, len(time) - 1, 6).round().astype(int))[1:]
     lines = [f"{'root mean square at':<{width + 20}}" + "".join(f"{time[row]:>9.2f} s" for row in rows)]
-    for channel, unit in CHANNELS.items():
+    for channel, unit in _channels(found):
         for name, errors_of in found.items():
             values = "".join(f"{SCALES[channel] * errors_of[channel][row]:>11.1f}" for row in rows)
             lines.append(f"{f'{channel}, {unit}':<20}{name:<{width}}{values}")
     return "\n".join(lines)
 
 
+def _channels(found: dict[str, dict[str, Floats]]) -> list[tuple[str, str]]:
+    """Return the channels of errors and their units."""
+    return [(channel, unit) for channel, unit in CHANNELS.items() if channel in found["held"]]
+
+
 def draw(found: dict[str, dict[str, Floats]], path: Path) -> None:
     """Draw the errors over the horizon."""
-    figure = new_figure(8.0, 5.0)
-    axes = add_axes(figure, 2, 2)
-    for axis, (channel, unit) in zip(np.ravel(axes), CHANNELS.items(), strict=True):
+    channels = _channels(found)
+    figure = new_figure(8.0 if len(channels) == 4 else 12.0, 5.0)
+    axes = add_axes(figure, 2, (len(channels) + 1) // 2)
+    for axis, (channel, unit) in zip(np.ravel(axes), channels, strict=False):
         for i, errors_of in enumerate(found.values()):
             axis.plot(errors_of["time"], SCALES[channel] * errors_of[channel], line(i), color=colour(i))
         axis.set_xlabel("s")

@@ -11,7 +11,7 @@ import numpy as np
 
 from quadpend_gym.vehicles import Vehicle, rotors_of
 from quadpend_train.common.files import write_text
-from quadpend_train.flights.identify import QUANTITIES, Estimate, Identification
+from quadpend_train.flights.identify import POLE, QUANTITIES, Estimate, Identification
 
 _UNKNOWN = 0.3  # half width of the range of what the logs do not show, as a share
 _LEAST = 0.02  # half width of every range: models are not exact
@@ -47,7 +47,7 @@ def vehicle_text(found: Identification, start: Vehicle) -> str:
             "pole",
             f"{{mass = {pole.mass:g}, length = {pole.length:g}, inertia = {pole.inertia:g},"
             f" drag_area = {pole.drag_area:g}{extent}}}",
-            given,
+            f"{source(*POLE)}; mass and J/(m l²) {given}" if POLE[0] in estimates else given,
         ),
         ("[rotors]", None, ""),
         ("positions", rotors.positions, f"{given}; centre of mass: {source('centre_x', 'centre_y')}"),
@@ -83,6 +83,8 @@ def training_text(found: Identification, path: Path) -> str:
     shares["inertia_yaw"] = max(shares["inertia_roll"], shares["inertia_pitch"], _share(estimates["torque_per_thrust"]))
     names = ("inertia_roll", "inertia_pitch", "inertia_yaw")
     ranges = [f"{name} = {_around(value, shares[name])}" for name, value in zip(names, roll_pitch_yaw, strict=True)]
+    if "pole_length" in estimates:
+        ranges.append(f"rod_length = {_around(found.vehicle.pole.length, _share(estimates['pole_length']))}  # m")
     loop = found.vehicle.rate_loop.time_constant / max(rotors_of(found.vehicle).lag_up, 1e-9)
     lag = min(1.0 + shares["lag"], 2.0 * loop)  # the rate loop must not be faster than half the lag
     force = f'{{kind = "ornstein_uhlenbeck", force = {_WIND * found.vehicle.weight:.3g}}}  # N'
