@@ -260,8 +260,8 @@ class MemoryOnly(Hybrid):
             action, filtered = np.where(started[:, np.newaxis], none, memory.action), memory.filtered
         base_action, teacher = (none, ()) if self.controller is None else self._update(observation, memory, started)
         measured = observation[:, OUTPUT_FEEDBACK_COLUMNS] if observation.shape[1] == OBSERVATION_SIZE else observation
-        measured, action = measured.astype(np.float64), action.astype(np.float64)
-        seen, filtered = memory_inputs(measured, action, filtered, started, *memory_shares(self.period))
+        given = measured.astype(np.float64), action.astype(np.float64), filtered, started
+        seen, filtered = memory_inputs(*given, *memory_shares(self.period))
         return seen.astype(np.float32), HybridMemory(teacher, base_action, np.zeros(rows), (), filtered, action)
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:

@@ -44,7 +44,7 @@ _UNITS = OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS]
 _ATTITUDE, _REFERENCE, _YAW = (
     OUTPUT_FEEDBACK_FIELDS[name].start for name in ("attitude", "reference_2", "yaw_reference")
 )
-_SIZE, _ROLL, _ROLL_ACTION = _SCALE.size, 5, 9  # of x, and places in it
+_SIZE, _ROLL, _ROLL_ACTION = len(_SCALE), 5, 9  # of x, and places in it
 _ORDERS = (_YAW - _REFERENCE) // 3
 _FILTERED = _SIZE * len(_TIMES)
 _REGRESSIONS = 3
