@@ -109,9 +109,9 @@ class CheckpointSegments(RolloutCallback):
 class StopConditions(RolloutCallback):
     """Stop training for `max_seconds` or if it diverges, and freeze PPO's actor during the warm-up of the critic."""
 
-    def __init__(self, settings: TrainSettings, start: float) -> None:
+    def __init__(self, settings: TrainSettings, end: float) -> None:
         super().__init__()
-        self.settings, self.end = settings, start + (settings.max_seconds or float("inf"))
+        self.settings, self.end = settings, end  # a time of `time.perf_counter`
         self.time_is_up, self.rollouts = False, 0
 
     def _on_rollout_start(self) -> None:
@@ -141,20 +141,21 @@ class EvaluationCallback(RolloutCallback):
     before its checkpoint, writes the two files again, and repeats the later evaluations.
     """
 
-    def __init__(self, settings: TrainSettings, folder: Path, start: float) -> None:
+    def __init__(self, settings: TrainSettings, folder: Path) -> None:
         super().__init__()
         self.settings, self.folder = settings, folder
         self.scores: list[Score] = []
-        self.begin = start  # later by the time of the evaluations, earlier by that before a resumed run
+        self.begin = time.perf_counter()  # later by the time of the evaluations, earlier by that before a resumed run
 
     def _on_training_start(self) -> None:
         model: Any = self.model
         self.scores = [Score(*values) for values in getattr(model, "scores", [])]
         model.scores, model.best = self.scores, getattr(model, "best", b"")
+        self.begin = time.perf_counter()
         if self.scores:
             write_bytes(self.folder / BEST, model.best)
             self._write_curve()
-            self.begin = time.perf_counter() - self.scores[-1].seconds
+            self.begin -= self.scores[-1].seconds
 
     def _on_rollout_start(self) -> None:
         every = self.settings.eval_freq

@@ -146,20 +146,20 @@ def _run(
     model: Any, settings: TrainSettings, folder: Path, progress: bool, callbacks: Sequence[BaseCallback] = ()
 ) -> Path:
     """Imitate, learn, and write model and policy. After an imitation, the model is the first checkpoint."""
-    start = time.perf_counter()
+    end = time.perf_counter() + (settings.max_seconds or float("inf"))
     try:
         if settings.hybrid.imitation_timesteps and not (folder / CHECKPOINT).is_file():
             imitate(model, settings)
             save_checkpoint(model, folder)
-        return _learn(model, settings, folder, start, progress, callbacks)
+        return _learn(model, settings, folder, end, progress, callbacks)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"`quadpend train --resume {shlex.quote(str(folder))}` continues the run") from None
 
 
 def _learn(
-    model: Any, settings: TrainSettings, folder: Path, start: float, progress: bool, callbacks: Sequence[BaseCallback]
+    model: Any, settings: TrainSettings, folder: Path, end: float, progress: bool, callbacks: Sequence[BaseCallback]
 ) -> Path:
-    stop, evaluation = StopConditions(settings, start), EvaluationCallback(settings, folder, start)
+    stop, evaluation = StopConditions(settings, end), EvaluationCallback(settings, folder)
     total, before = settings.total_timesteps, model.num_timesteps
     with tqdm(total=total, initial=before, unit="step", unit_scale=True, disable=not progress) as bar:
         all_of = [CheckpointSegments(settings, folder), stop, evaluation, *callbacks, Report(bar, evaluation)]
