@@ -196,7 +196,11 @@ if __name__ == "__main__":
     parser.add_argument("--start", default="crazyflie-brushless", help="vehicle where fits begin")
     given = parser.parse_args()
     if given.logs:
-        print(by_kind(public(given.logs, Columns(**read_toml(given.columns)), given.start)).to_string())
+        print(
+            by_kind(
+                public(given.logs, Columns(**read_toml(given.columns)) if given.columns else Columns(), given.start)
+            ).to_string()
+        )
     elif given.poles:
         tables = {name: simulated(given.vehicles, sides=sides) for name, sides in FLIGHTS.items()}
         pd.concat(tables, names=["flights"]).droplevel(1).to_csv(POLES, float_format="%.6g")

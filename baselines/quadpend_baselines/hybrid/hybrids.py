@@ -49,11 +49,12 @@ from quadpend_baselines.hybrid.deviations import DEVIATION_SIZE, deviation_input
 from quadpend_baselines.hybrid.innovations import (
     FILTERED_SIZE,
     INNOVATIONS_SIZE,
+    TIMES,
     filter_shares,
     innovation_inputs,
     last_filtered,
 )
-from quadpend_baselines.hybrid.memory import MEMORY_SIZE, memory_inputs, memory_shares
+from quadpend_baselines.hybrid.memory import MEMORY_SIZE, memory_inputs, memory_numbers
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_baselines.registry import controller
 from quadpend_gym import Simulation
@@ -208,7 +209,7 @@ class EstimateOnly(Hybrid):
             observed.append(situation_inputs(situation))
         if self.innovations:
             last = last_filtered(None if memory is None else memory.filtered, started, rows)
-            observed.append(innovation_inputs(updated.estimate, last, filter_shares(base.simulation.period)))
+            observed.append(innovation_inputs(updated.estimate, last, filter_shares(base.simulation.period, TIMES)))
             filtered = observed[-1][:, -FILTERED_SIZE:]
         seen = np.concatenate(observed, axis=1, dtype=np.float32)
         return seen, HybridMemory(updated, action, np.zeros(rows), situation, filtered)
@@ -226,25 +227,30 @@ class EstimateOnly(Hybrid):
 class MemoryOnly(Hybrid):
     """Hybrid whose policy acts alone, equation (1), on the measurements and a memory of them, see `memory`.
 
-    It gets no parameters of its vehicle. The base controller is its teacher: an imitation asks for `base_action`.
+    It gets no parameters of its vehicle. The base controller is its teacher, which only `designed_for` adds.
     """
 
     kind: ClassVar[str] = "memory_only"
     base_controller: Any = "lqg"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
-    period: ClassVar[float] = CONTROL_PERIOD
+    period: ClassVar[float] = CONTROL_PERIOD  # s, of the simulation that it is made for
+    teacher: ClassVar[Any] = None  # the base controller, which `controller` is while it teaches
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "teacher", self.controller)
+        object.__setattr__(self, "controller", None)
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid with a teacher for a simulation and loop."""
-        return self._for(simulation.period, self.controller.designed_for(simulation, loop))
+        other = self.flown_in(simulation, loop)
+        object.__setattr__(other, "controller", self.teacher.designed_for(simulation, loop))
+        return other
 
     def flown_in(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
-        return self._for(simulation.period, None)
-
-    def _for(self, period: float, teacher: Any) -> "Hybrid":
         other = copy(self)
-        for name, value in (("period", period), ("controller", teacher)):
-            object.__setattr__(other, name, value)
+        object.__setattr__(other, "period", simulation.period)
+        object.__setattr__(other, "controller", None)
         return other
 
     def observation_size(self, size: int) -> int:
@@ -261,7 +267,7 @@ class MemoryOnly(Hybrid):
         base_action, teacher = (none, ()) if self.controller is None else self._update(observation, memory, started)
         measured = observation[:, OUTPUT_FEEDBACK_COLUMNS] if observation.shape[1] == OBSERVATION_SIZE else observation
         given = measured.astype(np.float64), action.astype(np.float64), filtered, started
-        seen, filtered = memory_inputs(*given, *memory_shares(self.period))
+        seen, filtered = memory_inputs(*given, memory_numbers(self.period))
         return seen.astype(np.float32), HybridMemory(teacher, base_action, np.zeros(rows), (), filtered, action)
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:

@@ -22,16 +22,16 @@ from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled
 
-_TIMES = 0.02, 0.06, 0.2  # τ, s
+TIMES = np.array([0.02, 0.06, 0.2])  # τ, s
 _SCALE = 1e-3
 _SIZE = 8  # of ν
-FILTERED_SIZE = _SIZE * len(_TIMES)
+FILTERED_SIZE = _SIZE * len(TIMES)
 INNOVATIONS_SIZE = _SIZE + FILTERED_SIZE
 
 
-def filter_shares(period: float, times: Floats | tuple[float, ...] = _TIMES) -> Floats:
+def filter_shares(period: float, times: Floats) -> Floats:
     """Return 1 − e^{−T/τ} for each τ."""
-    return np.asarray(1.0 - np.exp(-period / np.array(times)))
+    return np.asarray(1.0 - np.exp(-period / times))
 
 
 @compiled

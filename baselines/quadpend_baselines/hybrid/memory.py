@@ -5,12 +5,15 @@ The memory begins with first-order filters of the measured values m and the last
     (1)  f_k = f_{k−1} + (1 − e^{−T/τ}) (x_k − f_{k−1}),     τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   f = x at the start
 
 x − f is about τ ẋ where x changes slowly. From it a network can infer velocities, the response to its actions, mean
-wind and biases. Two neighbouring filters in series give a rate of roll and pitch, and the actions filtered alike,
+wind and biases. Two neighbouring filters give a rate of roll and pitch, and the actions filtered alike,
 
     (2)  y = (f − f⁺)/(τ⁺ − τ) of φ and θ,     u = (τ f − τ⁺ f⁺)/(τ − τ⁺) of their actions      +: the next τ
 
-and the regression of y on u, with a fading of 10 s, is the body rate that an action of 1 commands. The quicker the
-filters, the more it loses by the lag of the vehicle.
+and recursive least squares with a forgetting factor and a prior p of the weight w, over both axes,
+
+    (3)  b = (Σ λᵏ u y + w p)/(Σ λᵏ u² + w),     p = 7.5 rad/s,     λ = e^{−T/10 s}
+
+estimates the body rate that an action of 1 commands. With quicker filters the lag of the vehicle lowers it.
 
 | part                                                                                | size | scale              |
 |-------------------------------------------------------------------------------------|------|--------------------|
@@ -18,7 +21,7 @@ filters, the more it loses by the lag of the vehicle.
 | the last action                                                                     | 4    | 0.2                |
 | the derivatives of order 2 to 6 of the reference; ψ̇_d and ψ̈_d                       | 17   | their own          |
 | x − f for each τ                                                                    | 60   | as m and action    |
-| the regressions for the first three τ, less 7.5 rad/s                               | 3    | 3.75 rad/s         |
+| b − p for the first three τ                                                         | 3    | 3.75 rad/s         |
 
 Horizontal vectors are in the axes of the heading.
 """
@@ -37,8 +40,9 @@ from quadpend_gym.tasks.observation import (
 )
 
 _TIMES = np.array([0.02, 0.06, 0.2, 0.6, 2.0])  # τ, s
-_FADING = 10.0  # s
-_PRIOR, _WEIGHT = 6.0, 0.5  # of the regressions, in the scales of φ and the actions, and Σ u² that weighs as much
+_MEMORY = 10.0  # s, of the least squares
+_PRIOR, _WEIGHT = 6.0, 0.5  # p and w of (3), in the scales of φ and the actions
+_STEP = 0.01  # s: period of which w is a multiple
 _SCALE = np.array([0.05] * 5 + [0.25] * 3 + [0.2] * ACTION_SIZE)
 _UNITS = OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS]
 _ATTITUDE, _REFERENCE, _YAW = (
@@ -47,14 +51,22 @@ _ATTITUDE, _REFERENCE, _YAW = (
 _SIZE, _ROLL, _ROLL_ACTION = len(_SCALE), 5, 9  # of x, and places in it
 _ORDERS = (_YAW - _REFERENCE) // 3
 _FILTERED = _SIZE * len(_TIMES)
-_REGRESSIONS = 3
-REMEMBERED_SIZE = _FILTERED + 2 * _REGRESSIONS
-MEMORY_SIZE = _SIZE + 3 * _ORDERS + 2 + _FILTERED + _REGRESSIONS
+_ESTIMATES = 3
+REMEMBERED_SIZE = _FILTERED + 2 * _ESTIMATES
+MEMORY_SIZE = _SIZE + 3 * _ORDERS + 2 + _FILTERED + _ESTIMATES
 
 
 @compiled
 def _inputs(
-    seen: Floats, action: Floats, last: Floats, started: Booleans, shares: Floats, fade: float, out: Floats, now: Floats
+    seen: Floats,
+    action: Floats,
+    last: Floats,
+    started: Booleans,
+    shares: Floats,
+    forgetting: float,
+    step: float,
+    out: Floats,
+    now: Floats,
 ) -> None:
     for row in range(out.shape[0]):
         sine, cosine = sincos(_UNITS[_ATTITUDE + 2] * seen[row, _ATTITUDE + 2] + _UNITS[_YAW] * seen[row, _YAW])
@@ -79,7 +91,7 @@ def _inputs(
                 before = out[row, i] if started[row] else last[row, j * _SIZE + i]
                 now[row, j * _SIZE + i] = before + shares[j] * (out[row, i] - before)
                 out[row, first + j * _SIZE + i] = out[row, i] - now[row, j * _SIZE + i]
-        for j in range(_REGRESSIONS):
+        for j in range(_ESTIMATES):
             place, a, b = _FILTERED + 2 * j, j * _SIZE, (j + 1) * _SIZE
             span = _TIMES[j + 1] - _TIMES[j]
             products = squares = 0.0
@@ -88,30 +100,30 @@ def _inputs(
                 command = _TIMES[j + 1] * now[row, b + _ROLL_ACTION + i] - _TIMES[j] * now[row, a + _ROLL_ACTION + i]
                 products += rate * command / span
                 squares += (command / span) ** 2
-            now[row, place] = products + (0.0 if started[row] else fade * last[row, place])
-            now[row, place + 1] = squares + (0.0 if started[row] else fade * last[row, place + 1])
+            now[row, place] = step * products + (0.0 if started[row] else forgetting * last[row, place])
+            now[row, place + 1] = step * squares + (0.0 if started[row] else forgetting * last[row, place + 1])
             slope = (now[row, place] + _WEIGHT * _PRIOR) / (now[row, place + 1] + _WEIGHT)
             out[row, first + _FILTERED + j] = (slope - _PRIOR) / (0.5 * _PRIOR)
 
 
 def memory_inputs(
-    seen: Floats, action: Floats, remembered: Floats | None, started: Booleans, shares: Floats, fade: float
+    seen: Floats, action: Floats, remembered: Floats | None, started: Booleans, numbers: tuple[Floats, float, float]
 ) -> tuple[Floats, Floats]:
-    """Return the inputs, shape (n, 92), and the memory, shape (n, 66): f and the sums of the regressions.
+    """Return the inputs, shape (n, 92), and the memory, shape (n, 66): f and the sums of the least squares.
 
     Args:
         seen: Observation of the environment without velocities, shape (n, 27).
         action: The last action, shape (n, 4); zeros in rows that begin.
         remembered: The memory of the last step; None at the first step.
         started: Mask of the rows whose episode begins, shape (n,).
-        shares: See `memory_shares`.
-        fade: See `memory_shares`.
+        numbers: See `memory_numbers`.
     """
     out, now = np.empty((len(seen), MEMORY_SIZE)), np.empty((len(seen), REMEMBERED_SIZE))
-    _inputs(seen, action, now if remembered is None else remembered, started, shares, fade, out, now)
+    shares, forgetting, step = numbers
+    _inputs(seen, action, now if remembered is None else remembered, started, shares, forgetting, step, out, now)
     return out, now
 
 
-def memory_shares(period: float) -> tuple[Floats, float]:
-    """Return 1 − e^{−T/τ} for each τ, and the share of the regressions' sums that a step leaves."""
-    return filter_shares(period, _TIMES), float(np.exp(-period / _FADING))
+def memory_numbers(period: float) -> tuple[Floats, float, float]:
+    """Return 1 − e^{−T/τ} for each τ, λ, and the weight of a step in the least squares."""
+    return filter_shares(period, _TIMES), float(np.exp(-period / _MEMORY)), period / _STEP

@@ -30,7 +30,8 @@ class VectorHybridWrapper(VectorWrapper):
         hybrid: The hybrid, or its plain data. If its base controller was given by name, the base controller is
             designed for the nominal simulation of `env`.
         loop: Delays and lags of `env` that a base controller given by name knows; None: there are none.
-        teaches: Whether `base_action` is asked for, of which only `MemoryOnly` needs to know.
+        teaches: Whether the base controller of a `MemoryOnly` given by name flies along, so that `base_action` labels
+            an imitation.
     """
 
     def __init__(

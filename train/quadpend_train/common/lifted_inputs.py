@@ -6,8 +6,8 @@ from typing import Any
 
 from quadpend_baselines.estimation.estimator import MASS_RATIO, Estimate
 from quadpend_baselines.hybrid.deviations import deviation_inputs
-from quadpend_baselines.hybrid.innovations import filter_shares, innovation_inputs
-from quadpend_baselines.hybrid.memory import memory_inputs, memory_shares
+from quadpend_baselines.hybrid.innovations import TIMES, filter_shares, innovation_inputs
+from quadpend_baselines.hybrid.memory import memory_inputs, memory_numbers
 from quadpend_gym import Simulation
 from quadpend_gym.engines import columns, lift, vector
 from quadpend_gym.physics.plants import plant_of
@@ -16,14 +16,14 @@ from quadpend_gym.physics.state import TORQUE
 
 def innovations_of(memory: Any, filtered: Any, period: float) -> Any:
     """Return `innovation_inputs` of an estimate, a (field, lane) buffer, as a vector."""
-    shares = filter_shares(period)
+    shares = filter_shares(period, TIMES)
     return vector(lift(innovation_inputs)(Estimate(memory.T), columns(filtered).T, shares))
 
 
 def remembered_of(observed: Any, action: Any, remembered: Any, period: float) -> tuple[Any, Any]:
     """Return `memory_inputs`, and the memory, of an observation without velocities, as vectors."""
     rows = (columns(item).T for item in (observed, action, remembered))
-    found = lift(memory_inputs)(*rows, (False,), *memory_shares(period))
+    found = lift(memory_inputs)(*rows, (False,), memory_numbers(period))
     return vector(found[0]), vector(found[1])
 
 

@@ -142,7 +142,9 @@ class Identification:
             unseen(self.fitted[0]),
         )
         ways = {name: missing.get(name, f"fly {QUANTITIES[name].manoeuvre}") for name in hidden}
-        return [f"{name} is not identified; {way}" for name, way in ways.items()]
+        unchecked = max(regression(log, self.vehicle)[0] for log in self.fitted) < _GENTLE
+        order = ["the order of the motors could not be checked: the flight is gentle"] if unchecked else []
+        return order + [f"{name} is not identified; {way}" for name, way in ways.items()]
 
 
 def unseen(log: FlightLog) -> dict[str, str]:
