@@ -16,7 +16,7 @@ SEEDS = {  # number of training seeds of each learned policy
     **dict.fromkeys(("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling"), 5),
     **dict.fromkeys(("ppo-swing-up", "ppo-swing-up-wind", "sac-swing-up", "ppo-flight", "apg-flight"), 5),
     **dict.fromkeys(("ppo-load", "sac-load", "ppo-recovery", "sac-recovery", "ppo-agile", "sac-agile"), 1),
-    **dict.fromkeys(("apg-loops", "apg-vehicles", "dagger-vehicles"), 1),
+    **dict.fromkeys(("apg-loops", "apg-vehicles", "apg-vehicles-safe", "dagger-vehicles"), 1),
 }
 FILES = sorted(SHIPPED.glob("*.npz"))
 
