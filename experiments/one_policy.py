@@ -2,9 +2,10 @@
 
     python -m experiments.one_policy --jobs 2      # 100 episodes in each scenario, seeds from 1000000
 
-`dagger-vehicles` and `apg-vehicles`, which begins with it, are told nothing but the measurements; `lqg` knows every
-vehicle. The networks for one vehicle have the same two presets with one vehicle, a quarter of the labels and 2,000,000
-steps. They are trained once, in runs/one-policy/.
+The networks of `dagger-vehicles` (imitation) and `apg-vehicles-safe`, which two trainings lead to from it, are told
+nothing but the measurements; `lqg` knows every vehicle. The networks for one vehicle have the presets `dagger-vehicles`
+and `apg-vehicles` with one vehicle, a quarter of the labels and 2,000,000 steps. They are trained once, in
+runs/one-policy/.
 """
 
 from pathlib import Path
@@ -18,7 +19,7 @@ from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.training.settings import read_settings, with_values
 from quadpend_train.training.train import train_or_resume
 
-POLICIES, RUNS = {"imitation": "dagger-vehicles", "one": "apg-vehicles"}, Path("runs/one-policy")
+POLICIES, RUNS = {"imitation": "dagger-vehicles", "one": "apg-vehicles-safe"}, Path("runs/one-policy")
 KNOWN = tuple(name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid")
 UNSEEN = tuple(f"random:{seed}" for seed in range(1001, 1021))
 OWN = "hummingbird", "skydio-x2", "racer"  # vehicles with a network of their own
