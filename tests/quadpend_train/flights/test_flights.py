@@ -101,6 +101,8 @@ def test_a_gap_is_in_no_window(log: FlightLog, tmp_path: Path) -> None:
     kept = make_log("gap", table[(table.time < 5.0) | (table.time > 6.0)], Columns())
     windows = windows_of(kept, 0.4, 0.1)
     assert kept.valid[windows.samples].all()
+    assert "is in gaps" in kept.gaps()[0]
+    assert not log.gaps()
     table.loc[500:520, ["x", "y", "z"]] = table.loc[500, ["x", "y", "z"]].to_numpy()  # as motion capture without sight
     assert_array_equal(np.flatnonzero(~make_log("lost", table, Columns()).valid), np.arange(496, 526))
 

@@ -32,8 +32,11 @@ def replay(
     from quadpend_train.flights.readers import read_log
     from quadpend_train.flights.replay import compare, draw, table
 
-    found = compare(read_log(log, columns), {name: as_vehicle(name) for name in vehicle}, horizon, delay)
+    read = read_log(log, columns)
+    found = compare(read, {name: as_vehicle(name) for name in vehicle}, horizon, delay)
     print(table(found))
+    for sentence in read.gaps():
+        print(f"Note: {sentence}.")
     if out:
         draw(found, out)
         print(f"Written: {out}")
@@ -67,7 +70,8 @@ def identify(
         print(f"\nThe held-out part of {log.name}:")
         print(table(compare(log, {start.name: start, "identified": found.vehicle}, delay=found.delay)))
     print()
-    for sentence in [*found.sentences(), *doubts(Simulation(vehicle=found.vehicle, interface="body_rates"))]:
+    gaps = [sentence for log in found.fitted for sentence in log.gaps()]
+    for sentence in [*gaps, *found.sentences(), *doubts(Simulation(vehicle=found.vehicle, interface="body_rates"))]:
         print(f"Note: {sentence}.")
     training = write_vehicle(found, start, out)
     print(f"Written: {out} and {training}")

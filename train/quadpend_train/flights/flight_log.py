@@ -96,6 +96,11 @@ class FlightLog:
         """The attitude, body to world."""
         return Rotation.from_quat(self.quaternion, scalar_first=True)
 
+    def gaps(self) -> list[str]:
+        """Return a sentence about the gaps in the log, if there are any."""
+        share = 1.0 - float(self.valid.mean())
+        return [f"{share:.1%} of the log {self.name} is in gaps; windows with gaps are left out"] if share else []
+
     def part(self, first: float, last: float) -> "FlightLog":
         """Return the part from one share of the log to another, such as the first 70 %: ``part(0.0, 0.7)``."""
         cut = slice(int(first * len(self)), int(last * len(self)))
