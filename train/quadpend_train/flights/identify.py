@@ -117,6 +117,7 @@ class Identification:
         delay: Time by which the motion is logged later than the motors, s.
         estimates: All quantities by name.
         fitted, held_out: The logs' parts for the fit and for the test.
+        gentle: Whether the motors explain too little of the turning to show their order and the inertia.
     """
 
     vehicle: Vehicle
@@ -125,6 +126,7 @@ class Identification:
     estimates: dict[str, Estimate]
     fitted: list[FlightLog]
     held_out: list[FlightLog]
+    gentle: bool
 
     def table(self) -> str:
         """Return the quantities with their 95 % intervals as lines of text."""
@@ -142,8 +144,7 @@ class Identification:
             unseen(self.fitted[0]),
         )
         ways = {name: missing.get(name, f"fly {QUANTITIES[name].manoeuvre}") for name in hidden}
-        unchecked = max(regression(log, self.vehicle)[0] for log in self.fitted) < _GENTLE
-        order = ["the order of the motors could not be checked: the flight is gentle"] if unchecked else []
+        order = ["the order of the motors could not be checked: the flight is gentle"] if self.gentle else []
         return order + [f"{name} is not identified; {way}" for name, way in ways.items()]
 
 
@@ -185,14 +186,15 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
         estimates |= fit.estimates(values, names)
     nothing = {name: Estimate(name, value, np.inf, (-np.inf, np.inf), False, True) for name, value in missing.items()}
     estimates = {name: (estimates | nothing)[name] for name in quantities}
-    if max(regression(log, start)[0] for log in fitted) < _GENTLE:
+    gentle = max(regression(log, start)[0] for log in fitted) < _GENTLE
+    if gentle:
         estimates |= {name: replace(estimates[name], identified=False) for name in _BY_TURNS}
     values |= {name: found.value for name, found in estimates.items() if not found.blind}
     vehicle = replace(fit.vehicle(values), name="identified")
     if not fit.has_pole:
         vehicle = replace(vehicle, pole=start.pole, pivot=start.pivot)
     held_out = [log.part(training, 1.0) for log in logs] if training < 1.0 else []
-    return Identification(vehicle, values["thrust_coefficient"], values["delay"], estimates, fitted, held_out)
+    return Identification(vehicle, values["thrust_coefficient"], values["delay"], estimates, fitted, held_out, gentle)
 
 
 class _Fit:
