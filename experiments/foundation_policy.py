@@ -28,6 +28,7 @@ from quadpend_gym.tasks.task import TASKS, Limits
 from quadpend_gym.vehicles import VEHICLES, Pole, Simulation, Vehicle, hover_thrusts, rotors_of
 from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.evaluation.formatting import markdown_table
+from quadpend_train.flights.replay import rotor_actions
 
 PLACE = np.array([0.0, 0.0, 2.0])  # m
 CORNERS = (1, -1), (-1, -1), (-1, 1), (1, 1)  # the policy's order: front right, back right, back left, front left
@@ -69,7 +70,7 @@ def fly(policy: Any, vehicle: Vehicle, is_windy: bool, episodes: int, seed: int)
         last = np.clip(policy.evaluate_step(observation(world.simulation, world.state, last)), -1.0, 1.0)
         thrust = np.empty_like(last)
         thrust[:, order] = low + (high - low) * (0.5 * (last + 1.0)) ** 2
-        action = np.where(thrust > hover, (thrust - hover) / (high - hover), (thrust - hover) / (hover - low))
+        action = rotor_actions(thrust, hover, (low, high))
         _, _, fell, _, _ = env.step(np.clip(action, -1.0, 1.0).astype(np.float32))
         alive &= ~fell
         errors.append(np.linalg.norm(State(world.state).position - PLACE, axis=1))

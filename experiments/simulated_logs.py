@@ -18,7 +18,7 @@ from quadpend_gym.physics.rigid_settings import pack_rigid
 from quadpend_gym.physics.state import STATE_SIZE, TORQUE, State
 from quadpend_gym.vehicles import RateLoop, Simulation, Vehicle, hover_thrusts, mixing, rotors_of
 from quadpend_train.flights.flight_log import FlightLog, pole_motion, smoothed_derivative
-from quadpend_train.flights.replay import spin_up_torque, without_pole
+from quadpend_train.flights.replay import rotor_actions, spin_up_torque, without_pole
 
 DURATION, _CONTROL = 60.0, 0.005  # s
 _AMPLITUDES = np.array([[1.5, 1.2, 0.5], [0.15, 0.15, 0.12]])  # m: slow and quick
@@ -120,8 +120,7 @@ def simulated_log(
         torque = inertia @ turning + np.array([-dragged[1], dragged[0], 0.0])  # against the drag's
         wrench = np.append(lift @ attitude[:, 2], torque)
         commands[step] = (unmix @ wrench).clip(low, high)
-        gap = commands[step] - hover
-        action = np.where(gap > 0.0, gap / (high - hover), gap / (hover - low))
+        action = rotor_actions(commands[step], hover, (low, high))
         disturbance[:, TORQUE:] = spin_up_torque(memory, commands[step], rotors, rotors.thrust_coefficient, _CONTROL)
         advance_rigid(state, memory, action[None], action[None], disturbance, parameters, packed, _CONTROL, 1, 0)
     every = round(1.0 / (noise.rate_of_log * _CONTROL))

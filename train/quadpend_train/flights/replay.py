@@ -94,7 +94,7 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
     weights = 0.5 * (1.0 - part) ** 2, 0.5 + part * (1.0 - part), 0.5 * part**2
     mean = sum(weight * square for weight, square in zip(weights, squares, strict=True))
     thrusts = np.clip(coefficient * mean, low, high)
-    actions = np.where(thrusts > hover, (thrusts - hover) / (high - hover), (thrusts - hover) / (hover - low))
+    actions = rotor_actions(thrusts, hover, rotors.thrust)
 
     count = len(windows.first)
     state, memory = np.zeros((count, STATE_SIZE)), np.empty((count, plant.memory_size))
@@ -127,6 +127,12 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
                 disturbance[:, TORQUE:] = spin_up_torque(memory, thrusts[at], rotors, coefficient, log.period)
             plant.advance(state, memory, actions[at], disturbance, parameters)
     return out[..., :13] if log.pole is None else out
+
+
+def rotor_actions(thrusts: Floats, hover: Floats, limits: tuple[float, float]) -> Floats:
+    """Return the actions of the interface "rotors" for thrusts (N); `hover`: those of hover, shape (..., 4)."""
+    (low, high), gap = limits, thrusts - hover
+    return np.asarray(np.where(gap > 0.0, gap / (high - hover), gap / (hover - low)))
 
 
 def spin_up_torque(memory: Any, wanted: Any, rotors: Rotors, coefficient: float, period: float) -> Any:
