@@ -180,6 +180,11 @@ def test_what_the_log_does_not_show_is_named_with_a_manoeuvre(log: FlightLog) ->
     assert not [sentence for sentence in sentences if sentence.startswith("thrust_coefficient")]
 
 
+def test_a_log_too_short_to_test_the_vehicle_is_refused_before_the_fit(log: FlightLog) -> None:
+    with pytest.raises(ValueError, match=r"0.91 s of the log .* have no 1.5 s without a gap"):
+        identify([log.part(0.0, 0.19)], random_vehicle(SEED)[1])
+
+
 def test_a_wrong_order_of_motors_or_quaternions_is_said(log: FlightLog) -> None:
     start = random_vehicle(SEED)[1]
     check_log(log, start)

@@ -18,6 +18,10 @@ from quadpend_gym.core.settings import Interval, Range, settings, suggest
 
 _SMOOTHING = 0.05  # s: half width of the parabola that differentiates a log without velocities or body rates
 _LONGEST_GAP = 3.5  # usual distances between two positions; windows of a replay contain no longer gap
+_COUNTERS = (2**24 * 1e-6, 2**16 * 1e-3, 2**32 * 1e-6, 2**24 * 1e-3, 2**32 * 1e-3)  # s, after which they begin again
+_PERIODS = (1e-4, 0.1)  # s: a wrong unit of the time, by a factor of 1000, leaves this range
+_NORM = 0.1  # largest deviation of the norm of a quaternion from 1
+_LARGEST = 1e6  # of all numbers but the time
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _SPEEDS = {"rad/s": 1.0, "rpm": np.pi / 30.0, "100 rpm": np.pi / 0.3, "N": 1.0, "1": 1.0}
 _RATES = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
@@ -122,23 +126,29 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     """Return a log from a table: on an even grid, in the package's frames, with the derivatives that it lacks."""
     vectors = (columns.position, columns.velocity, columns.quaternion, columns.rate, columns.pole_direction)
     wanted = [columns.time, *columns.motors, *(name for names in vectors for name in names or ())]
-    for column in wanted:
-        if column not in table:
-            raise ValueError(
-                f"the log {name!r} has no column {column!r}{suggest(column, list(table))}; name its columns"
-            )
-    time = table[columns.time].to_numpy(float) * _SECONDS[columns.time_unit]
-    numbers = table[wanted].to_numpy(float)
-    since = time - time[0]
-    keep = np.isfinite(numbers).all(axis=1) & (since >= columns.seconds[0]) & (since <= columns.seconds[1])
-    table, time = table[keep], time[keep]
-    if (np.diff(time) < 0.0).any():
-        raise ValueError(f"the log {name!r} must have increasing time stamps")
-    table, time = table[np.append(True, np.diff(time) > 0.0)], np.unique(time)
-    if len(time) < 10:
-        raise ValueError(f"the log {name!r} must have at least ten complete rows")
+    stamps, numbers = _numbers(name, table, wanted, columns)
+    since = stamps - np.min(stamps, initial=np.inf)
+    keep = numbers.notna().all(axis=1) & (since >= columns.seconds[0]) & (since <= columns.seconds[1])
+    time, first = np.unique(stamps[keep], return_index=True)
+    table = numbers[keep].iloc[first]
+    if len(time) < 10 or 2 * len(time) < keep.sum():
+        counts = numbers.count()
+        raise ValueError(
+            f"the log {name!r} must have at least ten complete rows, most of them with their own time stamp, not"
+            f" {keep.sum()} with {len(time)} time stamps; its column {counts.idxmin()!r} has {counts.min()} numbers"
+        )
     period = round(float(np.median(np.diff(time))), 6)
-    grid = np.arange(time[0], time[-1], period)
+    if not _PERIODS[0] <= period <= _PERIODS[1]:
+        raise ValueError(
+            f"the log {name!r} must have a row every {_PERIODS[0]:g} to {_PERIODS[1]:g} s, not every {period:g} s;"
+            f" check its time_unit, which is {columns.time_unit!r}"
+        )
+    if time[-1] - time[0] > 100.0 * len(time) * period or time[-1] - time[0] <= 2.0 * _SMOOTHING:
+        raise ValueError(
+            f"the log {name!r} must last longer than {2.0 * _SMOOTHING:g} s and must not be nearly all gap, but its"
+            f" {len(time)} complete rows are from {time[0]:.10g} to {time[-1]:.10g} s"
+        )
+    grid = np.minimum(time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-3) + 1), time[-1])
 
     def resampled(names: Sequence[str], rows: Any = slice(None)) -> Floats:
         return np.column_stack([np.interp(grid, time[rows], table[name].to_numpy(float)[rows]) for name in names])
@@ -180,6 +190,45 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
         valid,
         pole,
     )
+
+
+def _numbers(name: str, table: pd.DataFrame, wanted: list[str], columns: Columns) -> tuple[Floats, pd.DataFrame]:
+    """Return the stamps in s and the wanted columns of all rows with a stamp, if the columns can be those of a log."""
+    for column in wanted:
+        if (count := list(table.columns).count(column)) != 1:
+            present = ", ".join(repr(str(each)[:30]) for each in table.columns[:30])
+            raise ValueError(
+                f"the log {name!r} has {count or 'no'} column{'s' if count else ''} {column!r}"
+                f"{suggest(column, map(str, table.columns))}; name its columns, which are {present}"
+            )
+    numbers = table[wanted].apply(pd.to_numeric, errors="coerce").astype(float)
+    wrong = (numbers.isna() & table[wanted].notna()) | (numbers.abs() > _LARGEST).assign(**{columns.time: False})
+    for row, column in np.argwhere(wrong.to_numpy())[:1]:
+        cell = str(table[wanted].iat[row, column])[:30]
+        raise ValueError(
+            f"the log {name!r} has {cell!r} in column {wanted[column]!r} of row {row + 1}; cells must be numbers up to"
+            f" {_LARGEST:g}, or empty"
+        )
+    numbers = numbers[np.isfinite(numbers[columns.time])]
+    time = numbers[columns.time].to_numpy() * _SECONDS[columns.time_unit]
+    steps = np.diff(time)
+    usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    for span in _COUNTERS:
+        near = min(_LONGEST_GAP * usual, 0.01 * span)
+        time[1:] += span * np.cumsum((steps < 0.0) & (np.abs(steps + span) <= near))
+    for i in np.flatnonzero(np.diff(time) < 0.0)[:1]:
+        raise ValueError(
+            f"the log {name!r} must have increasing time stamps, but row {numbers.index[i + 1] + 1} goes back from"
+            f" {time[i]:.10g} to {time[i + 1]:.10g} s; split the file there, or"
+            f" check its time_unit, which is {columns.time_unit!r}"
+        )
+    if columns.quaternion:
+        norms = np.linalg.norm(numbers[list(columns.quaternion)], axis=1)
+        for i in np.flatnonzero(np.abs(norms - 1.0) > _NORM)[:1]:
+            raise ValueError(
+                f"the log {name!r} must have quaternions of norm 1, not {norms[i]:.3g} as in row {numbers.index[i] + 1}"
+            )
+    return time, numbers
 
 
 def pole_motion(along: Floats, period: float) -> Floats:

@@ -165,6 +165,9 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
     for log in logs:
         check_log(log, start)
     fitted = [log.part(0.0, training) for log in logs]
+    held_out = [log.part(training, 1.0) for log in logs] if training < 1.0 else []
+    for log in held_out:
+        windows_of(log, 0.5, 0.05)  # as `compare` does: a log that is too short is refused before the fit
     fit = _Fit([windows_of(log, _HORIZON, _STRIDE) for log in fitted], start)
     moved = [falling(log, start) > _STILL for log in fitted if log.pole is not None]
     missing = {name: fit.known[name] for name in (*unseen(logs[0]), *(() if any(moved) else POLE))}
@@ -193,7 +196,6 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
     vehicle = replace(fit.vehicle(values), name="identified")
     if not fit.has_pole:
         vehicle = replace(vehicle, pole=start.pole, pivot=start.pivot)
-    held_out = [log.part(training, 1.0) for log in logs] if training < 1.0 else []
     return Identification(vehicle, values["thrust_coefficient"], values["delay"], estimates, fitted, held_out, gentle)
 
 

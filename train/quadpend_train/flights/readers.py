@@ -1,5 +1,7 @@
 """Readers of flight logs: CSV, PX4 (.ulg) by pyulog, and Betaflight blackbox (.bbl, .bfl) by orangebox."""
 
+import logging
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -41,25 +43,50 @@ _TOPICS = {  # of PX4: fields and the names of their columns
 def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> FlightLog:
     """Read a log; for a CSV file `columns` are a `Columns` or the TOML file of its fields, for others replacements."""
     path = Path(path)
-    read, default = {".ulg": (_px4, PX4), ".bbl": (_betaflight, BETAFLIGHT), ".bfl": (_betaflight, BETAFLIGHT)}.get(
-        path.suffix.lower(), (pd.read_csv, DEFAULT)
-    )
+    read, default, kind = {
+        ".ulg": (_px4, PX4, "a PX4 log (ULog)"),
+        ".bbl": (_betaflight, BETAFLIGHT, "a Betaflight log, which begins with 'H Product:Blackbox'"),
+        ".bfl": (_betaflight, BETAFLIGHT, "a Betaflight log, which begins with 'H Product:Blackbox'"),
+    }.get(path.suffix.lower(), (_csv, DEFAULT, "a line of names and rows of as many numbers (CSV, UTF-8)"))
     known = Columns(**read_toml(Path(columns))) if isinstance(columns, str | Path) else columns or default
-    return make_log(path.stem, read(path), known)
+    try:
+        table = read(path)
+    except Exception as error:  # parsers raise errors of many types for damaged files
+        if isinstance(error, ImportError) or getattr(error, "errno", None):
+            raise
+        raise ValueError(f"the log {str(path)!r} cannot be read as {kind}: {error}") from error
+    log = make_log(path.stem, table, known)
+    if still := [name for name, numbers in zip(known.motors, log.motors.T, strict=True) if not numbers.any()]:
+        raise ValueError(f"the log {log.name!r} shows no flight: its motor {still[0]!r} never turns")
+    if log.has_position and not np.ptp(log.position, axis=0).any():
+        raise ValueError(f"the log {log.name!r} shows no flight: its position never changes")
+    return log
+
+
+def _csv(path: Path) -> pd.DataFrame:
+    """Return all columns with the names of the first line; pandas alone renames repeated ones."""
+    names = pd.read_csv(path, header=None, nrows=1, skipinitialspace=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)  # rows with more cells than names
+        table = pd.read_csv(path, index_col=False, skipinitialspace=True, low_memory=False)
+    return table.set_axis([str(name).strip() for name in names.iloc[0]], axis=1)
 
 
 def _px4(path: Path) -> pd.DataFrame:
     """Return the columns of `_TOPICS` at the times of the attitude, µs."""
     from pyulog import ULog
 
-    log = ULog(str(path), list(_TOPICS))
+    with path.open("rb") as file:
+        log = ULog(file, list(_TOPICS))
     found = {data.name: data.data for data in reversed(log.data_list)}  # the first instance of each topic
     if missing := [topic for topic in _TOPICS if topic not in found]:
-        raise ValueError(f"the log {path.name!r} has no topic {missing[0]}")
+        raise ValueError(f"it must have the topics {', '.join(_TOPICS)}, but has no {missing[0]}")
     time = found["vehicle_attitude"]["timestamp"].astype(float)
     columns: dict[str, Any] = {"time": time}
     for topic, names in _TOPICS.items():
         stamps = found[topic]["timestamp"].astype(float)
+        if (np.diff(stamps) < 0.0).any():
+            raise ValueError(f"the time stamps of its topic {topic} go back")
         columns |= {column: np.interp(time, stamps, found[topic][name]) for name, column in names.items()}
     return pd.DataFrame(columns)
 
@@ -68,5 +95,6 @@ def _betaflight(path: Path) -> pd.DataFrame:
     """Return all fields of the first flight in a blackbox log."""
     from orangebox import Parser
 
+    logging.getLogger("orangebox").setLevel(logging.CRITICAL)  # many lines for one damaged frame
     parser = Parser.load(str(path))
     return pd.DataFrame([frame.data for frame in parser.frames()], columns=parser.field_names)

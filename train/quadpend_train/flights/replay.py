@@ -57,7 +57,8 @@ def windows_of(log: FlightLog, horizon: float, stride: float) -> Windows:
     gaps = np.append(0, np.cumsum(~log.valid))
     first = first[gaps[first + steps + 1] == gaps[first]]
     if not len(first):
-        raise ValueError(f"the log {log.name!r} has no {horizon + 1.0:g} s without a gap")
+        length = len(log) * log.period
+        raise ValueError(f"{length:.3g} s of the log {log.name!r} have no {horizon + 1.0:g} s without a gap")
     return Windows(log, first, steps)
 
 

@@ -1,0 +1,195 @@
+"""Logs from elsewhere are read right, or refused with one sentence that names the log and what is wrong."""
+
+import gzip
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from quadpend_gym.core.files import read_toml
+from quadpend_train.flights.flight_log import DEFAULT, Columns, make_log
+from quadpend_train.flights.readers import read_log
+from tests.quadpend_train.cli.test_commands import refused
+
+ROWS = 300
+
+
+@cache
+def whole() -> pd.DataFrame:
+    """A log of 3 s whose numbers all differ."""
+    time = 0.01 * np.arange(ROWS)
+    waves = np.sin(np.outer(time, np.linspace(1.0, 3.0, 13)))
+    turns = Rotation.from_rotvec(0.3 * waves[:, :3]).as_quat(scalar_first=True)
+    motors = [f"motor{i}" for i in range(1, 5)]
+    names = ["time", *"xyz", "vx", "vy", "vz", "wx", "wy", "wz", *motors, "qw", "qx", "qy", "qz"]
+    return pd.DataFrame(
+        np.column_stack([time, waves[:, :9], 1500.0 + 9.0 * waves[:, 9:], turns]).round(6), columns=names
+    )
+
+
+def csv(change: Callable[[pd.DataFrame], pd.DataFrame] = lambda table: table, **options: Any) -> bytes:
+    """The log as CSV, changed by a function and by the options of pandas."""
+    return str(change(whole()).to_csv(**{"index": False, **options})).encode()
+
+
+def at(column: str, value: object, row: int | None = None) -> bytes:
+    """The log with another value of a column in one row, counted from zero, or in all."""
+    return csv(lambda t: t.assign(**{column: t[column].astype(object).mask((t.index == row) | (row is None), value)}))
+
+
+def stamps(change: Callable[[Any], Any]) -> bytes:
+    """The log with other time stamps."""
+    return csv(lambda table: table.assign(time=change(table.time.to_numpy())))
+
+
+TEXT = csv()
+HEAD, BODY = TEXT.split(b"\n", 1)
+READ = {  # files that say the same in another form
+    "trailing comma": BODY.replace(b"\n", b",\n").join([HEAD + b"\n", b""]),
+    "trailing comma everywhere": TEXT.replace(b"\n", b",\n"),
+    "byte order mark": b"\xef\xbb\xbf" + TEXT,
+    "CRLF": TEXT.replace(b"\n", b"\r\n"),
+    "blank lines": TEXT.replace(b"\n", b"\n\n"),
+    "spaces": b" " + TEXT.replace(b",", b" , "),
+    "quoted": csv(quoting=1),
+    "index column": csv(index=True),
+    "other column twice": b"a,a," + TEXT.replace(b"\n", b"\n0,0,").rstrip(b",0"),
+    "reordered": csv(lambda table: table[sorted(table)]),
+    "text in another column": csv(lambda table: table.assign(mode="OFFBOARD")),
+    "negative time": stamps(lambda time: time - 100.0),
+    "large time": stamps(lambda time: time + 1.7e9),
+    "rows twice": csv(lambda table: pd.concat([table, table[100:200]]).sort_values("time")),
+    "wraps at 2^32 us": stamps(lambda time: ((time + 4293.5) * 1e6).round() % 2**32 / 1e6),
+    "wraps at 2^32 ms": stamps(lambda time: ((time + 4294966.0) * 1e3).round() % 2**32 / 1e3),
+    "wraps at 2^16 ms": stamps(lambda time: ((time + 64.0) * 1e3).round() % 2**16 / 1e3),
+    "wraps at 2^24 ms": stamps(lambda time: ((time + 16776.0) * 1e3).round() % 2**24 / 1e3),
+    "wraps below zero": stamps(lambda time: ((time + 2146.0) * 1e6).round().astype(np.int64).astype(np.int32) / 1e6),
+}
+WITHOUT = {  # files without one complete row
+    "first stamp": (at("time", np.nan, 0), 0),
+    "last stamp": (at("time", np.nan, 299), 299),
+    "end of the last row": (TEXT[:-30], 299),
+    "cell": (at("motor2", np.nan, 7), 7),
+}
+REFUSED = {
+    "empty": (b"", "No columns"),
+    "blank": (b"\n\n", "No columns"),
+    "names alone": (HEAD, "ten complete rows.* not 0 with"),
+    "one row": (csv(lambda table: table[:1]), "not 1 with"),
+    "nine rows": (csv(lambda table: table[:9]), "not 9 with"),
+    "ten rows": (csv(lambda table: table[:10]), "longer than 0.1 s"),
+    "no names": (BODY, "no column 'time'; name its columns, which are '0.0'"),
+    "upper case": (TEXT.upper(), "no column 'time'; name its columns, which are 'TIME', 'X'"),
+    "no motor4": (csv(lambda table: table.drop(columns="motor4")), "no column 'motor4' .*motor"),
+    "x twice": (TEXT.replace(b",y,", b",x,"), "2 columns 'x'"),
+    "semicolons": (csv(sep=";"), "no column 'time'.* 'time;x;y"),
+    "tabs": (csv(sep="\t"), "no column 'time'"),
+    "decimal commas": (HEAD + b"\n" + BODY.replace(b".", b","), "rows of as many numbers"),
+    "decimal commas, semicolons": (csv(sep=";", decimal=","), "rows of as many numbers"),
+    "leading comma": (HEAD + b"\n," + BODY.replace(b"\n", b"\n,"), "rows of as many numbers"),
+    "one long row": (
+        TEXT.replace(b"\n", b",7\n", 9).replace(b",7\n", b"\n", 8),
+        "Expected 18 fields in line 9, saw 19",
+    ),
+    "comment first": (b"# hover, 2 minutes\n" + TEXT, "rows of as many numbers"),
+    "UTF-16": (TEXT.decode().encode("utf-16"), "UTF-8.*codec"),
+    "latin-1": ("höhe,".encode("latin-1") + TEXT, "UTF-8.*codec"),
+    "text": (at("x", "lost", 6), "'lost' in column 'x' of row 7"),
+    "names again": (TEXT + TEXT, "'time' in column 'time' of row 301"),
+    "zero bytes at the end": (TEXT + b"\0" * 50, "in column 'time' of row 301"),
+    "thousands": (at("motor1", "1,500"), "'1,500' in column 'motor1' of row 1"),
+    "inf": (at("x", np.inf, 6), "'inf' in column 'x' of row 7"),
+    "huge": (at("motor2", 1e300, 6), r"'1e\+300' in column 'motor2' of row 7"),
+    "empty column": (at("vz", np.nan), "column 'vz' has 0 numbers"),
+    "no stamps": (at("time", np.nan), "column 'time' has 0 numbers"),
+    "dates": (
+        stamps(lambda time: pd.Timestamp("2026-01-01") + pd.to_timedelta(time, "s")),
+        "'2026-01-01.*'time' of row 1",
+    ),
+    "same stamp": (at("time", 5.0), "300 with 1 time stamp"),
+    "coarse stamps": (stamps(lambda time: time.round(1)), "300 with 31 time stamps"),
+    "milliseconds": (stamps(lambda time: time * 1e3), "every 10 s; check its time_unit, which is 's'"),
+    "microseconds": (stamps(lambda time: time * 1e6), "every 10000 s"),
+    "nanoseconds": (stamps(lambda time: time * 1e9), "every 1e.07 s"),
+    "backwards": (csv(lambda table: table[::-1]), "row 2 goes back from 2.99 to 2.98 s"),
+    "two flights": (TEXT + BODY, "row 301 goes back from 2.99 to 0 s; split"),
+    "wraps in a gap": (stamps(lambda time: np.where(time > 1.5, time - 1000.0, time)), "row 152 goes back"),
+    "a far stamp": (at("time", 1e8, 299), "nearly all gap.* to 100000000 s"),
+    "zero quaternion": (at("qw", 0.0, 0), "norm 1, not 0 as in row 1"),
+    "scaled quaternions": (csv(lambda table: table.assign(qw=1e4 * table.qw)), "norm 1, not 1e.04"),
+    "a motor at rest": (at("motor3", 0.0), "its motor 'motor3' never turns"),
+    "no motion": (csv(lambda table: table.assign(x=0.0, y=0.0, z=1.0)), "its position never changes"),
+    "cut gzip": (gzip.compress(TEXT)[:-99], "rows of as many numbers"),
+    "not gzip": (TEXT, "ot a gzip"),
+    "picture": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 9, "cannot be read"),
+}
+SUFFIX = {"cut gzip": ".csv.gz", "not gzip": ".csv.gz"}
+
+
+@pytest.mark.parametrize("case", READ)
+def test_other_forms_of_a_csv_file_have_the_same_log(case: str, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_bytes(READ[case])
+    log, expected = read_log(tmp_path / "log.csv"), make_log("log", whole(), DEFAULT)
+    assert len(log) == len(expected) == ROWS
+    for name in ("position", "velocity", "quaternion", "rate", "motors"):
+        assert_allclose(getattr(log, name), getattr(expected, name), atol=1e-3, err_msg=name)  # µs of 1.7e9 s
+
+
+@pytest.mark.parametrize("case", WITHOUT)
+def test_incomplete_rows_are_left_out(case: str, tmp_path: Path) -> None:
+    content, row = WITHOUT[case]
+    (tmp_path / "log.csv").write_bytes(content)
+    expected = make_log("log", whole().drop(row), DEFAULT)
+    assert_allclose(read_log(tmp_path / "log.csv").position, expected.position, atol=1e-9)
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_damaged_csv_files_are_refused_in_one_sentence(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content, pattern = REFUSED[case]
+    path = tmp_path / f"my_log{SUFFIX.get(case, '.csv')}"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=pattern) as caught:
+        read_log(path)
+    assert "my_log" in str(caught.value)
+    assert "my_log" in refused(["replay", str(path), "--vehicle", "hummingbird"], capsys)
+
+
+def test_the_grid_ends_at_the_last_stamp() -> None:
+    for first in np.arange(0.0, 20.0, 0.05):
+        table = whole().assign(time=(first + 0.01 * np.arange(ROWS)).round(6))
+        log = make_log("log", table, DEFAULT)
+        assert len(log) == ROWS
+        assert_allclose(log.position[-1], table[["x", "y", "z"]].iloc[-1])
+
+
+def test_a_log_in_microseconds_is_read_whole_if_its_counter_wraps(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_bytes(stamps(lambda time: ((time + 4293.5) * 1e6).round() % 2**32))
+    log = read_log(tmp_path / "log.csv", Columns(time_unit="us"))
+    assert_allclose(log.position, whole()[["x", "y", "z"]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("package", "file", "begins"),
+    [("pyulog", "my_log.ulg", b"ULog\x01\x12\x35\x01"), ("orangebox", "my_log.bbl", b"H Product:Blackbox\nH a:b\nI")],
+)
+def test_damaged_logs_of_firmwares_are_refused_in_one_sentence(
+    package: str, file: str, begins: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip(package)
+    for content in (b"", b"hover\n", b"\x89PNG" + bytes(range(256)), begins, begins + bytes(99)):
+        (tmp_path / file).write_bytes(content)
+        sentence = refused(["replay", str(tmp_path / file), "--vehicle", "hummingbird"], capsys)
+        assert f"{file}' cannot be read as a " in sentence
+
+
+def test_a_settings_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "columns.toml").write_text("time = 't'", encoding="utf-8-sig")
+    assert read_toml(tmp_path / "columns.toml") == {"time": "t"}
