@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.files import read_toml
@@ -168,6 +168,13 @@ def test_the_grid_ends_at_the_last_stamp() -> None:
         log = make_log("log", table, DEFAULT)
         assert len(log) == ROWS
         assert_allclose(log.position[-1], table[["x", "y", "z"]].iloc[-1])
+
+
+def test_no_window_contains_a_jump_of_the_position() -> None:
+    jumped = whole().assign(x=lambda table: table.x + 3.0 * (table.index >= 150))
+    for columns in (DEFAULT, Columns()):  # Columns(): velocities are derivatives of the position
+        assert_array_equal(np.flatnonzero(~make_log("log", jumped, columns).valid), np.arange(145, 155))
+    assert make_log("log", whole(), DEFAULT).valid.all()
 
 
 def test_a_log_in_microseconds_is_read_whole_if_its_counter_wraps(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ _SMOOTHING = 0.05  # s: half width of the parabola that differentiates a log wit
 _LONGEST_GAP = 3.5  # usual distances between two positions; windows of a replay contain no longer gap
 _COUNTERS = (2**24 * 1e-6, 2**16 * 1e-3, 2**32 * 1e-6, 2**24 * 1e-3, 2**32 * 1e-3)  # s, after which they begin again
 _PERIODS = (1e-4, 0.1)  # s: a wrong unit of the time, by a factor of 1000, leaves this range
+_JUMP = 0.5  # m: longest step between two samples, beyond that of the velocity; an estimator that resets its position
 _NORM = 0.1  # largest deviation of the norm of a quaternion from 1
 _LARGEST = 1e6  # of all numbers but the time
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -174,8 +175,11 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     motors = resampled(columns.motors) * _SPEEDS[columns.motor_unit] / columns.poles
     valid, samples = np.full(len(grid), True), time[seen]
     distances = np.diff(samples)
-    for i in np.flatnonzero(distances > _LONGEST_GAP * np.median(distances)):  # derivatives near a gap contain it
-        valid &= (grid <= samples[i] - _SMOOTHING) | (grid >= samples[i + 1] + _SMOOTHING)
+    jump = np.linalg.norm(np.diff(position, axis=0) - period * velocity[1:], axis=1) > _JUMP
+    gaps = np.flatnonzero(distances > _LONGEST_GAP * np.median(distances))
+    breaks = [(samples[i], samples[i + 1]) for i in gaps] + [(grid[i], grid[i + 1]) for i in np.flatnonzero(jump)]
+    for begin, end in breaks if columns.position else breaks[: len(gaps)]:  # derivatives near a gap contain it
+        valid &= (grid <= begin - _SMOOTHING) | (grid >= end + _SMOOTHING)
     return FlightLog(
         name,
         period,
