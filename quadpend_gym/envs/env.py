@@ -101,7 +101,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         self.world = World(1, self.scenario)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
         self.observation_space = observation_space(self.scenario.observation_size)
-        self.action_space = action_space()
+        self.action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
         self._observed = 0, observed_columns(self.scenario)
         self._steps = self.scenario.steps
         self._seeded = False

@@ -21,6 +21,17 @@ def observation_space(size: int = OBSERVATION_SIZE) -> spaces.Box:
     return spaces.Box(-largest, largest, (size,), np.float32)
 
 
-def action_space() -> spaces.Box:
-    """Return the space of one action: thrust and the torques about roll, pitch and yaw, scaled to [−1, 1]."""
-    return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+def action_space(**meaning: str) -> spaces.Box:
+    """Return the space of one action: thrust and the torques about roll, pitch and yaw, scaled to [−1, 1].
+
+    `meaning`, such as the interface, becomes an attribute of the space. Stable-Baselines3 stores the spaces of a model
+    with it, so a file tells what its actions command.
+    """
+    space = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+    space.meaning = meaning  # type: ignore[attr-defined]
+    return space
+
+
+def action_meaning(space: Any) -> dict[str, str]:
+    """Return what was given to `action_space`: nothing for spaces from elsewhere."""
+    return dict(getattr(space, "meaning", {}))

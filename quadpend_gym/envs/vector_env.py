@@ -71,7 +71,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.world = World(num_envs, self.scenario, num_threads)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
         self.single_observation_space = observation_space(self.scenario.observation_size)
-        self.single_action_space = action_space()
+        self.single_action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._columns = observed_columns(self.scenario)

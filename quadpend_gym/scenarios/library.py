@@ -13,7 +13,20 @@ from quadpend_gym.core.settings import parse, settings, suggest
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.wind import WindFromFactory
 
-__all__ = ["SCENARIOS", "SETS", "as_scenario", "find_scenario", "find_scenarios", "own_models", "refuse_held_out"]
+__all__ = [
+    "HELD_OUT",
+    "SCENARIOS",
+    "SETS",
+    "as_scenario",
+    "find_scenario",
+    "find_scenarios",
+    "own_models",
+    "refuse_held_out",
+]
+
+# The sets whose scenarios are for results only, except those in a set for training; of other tasks, only seeds are.
+HELD_OUT = ("test", "test-hummingbird", "as-flown", "flight", "recovery-flight")
+_DISTURBANCES = "task", "sensors", "actuators", "parameters", "loop", "latency", "wind_rise", "output_feedback"
 
 
 @settings
@@ -138,12 +151,28 @@ def _scenarios(text: str) -> list[Scenario]:
     )
 
 
-def refuse_held_out(names: Iterable[str]) -> None:
-    """Raise ValueError for the name of a set that is for results only: not for training and not for tuning."""
+def refuse_held_out(names: Iterable[str | Scenario]) -> None:
+    """Raise ValueError for what contains a scenario that is for results only: not for training and not for tuning.
+
+    Names, files and vehicles do not matter, only what disturbs the flight: the fields `_DISTURBANCES` and the wind.
+    """
+    training = {member for name, members in SETS.items() if name.startswith("training") for member in members}
+    held_out = [SCENARIOS[member] for name in HELD_OUT for member in SETS[name] if member not in training]
     for name in names:
-        members = name.partition("@")[0]
-        if members in SETS and not members.startswith("training"):
-            raise ValueError(f"scenarios cannot be {name!r}, which is held out: use 'training' or single scenarios")
+        for scenario in find_scenarios([name]).values():
+            if found := [item.name for item in held_out if _disturbs_alike(scenario, item)]:
+                given = scenario.name if isinstance(name, Scenario) else name
+                what = "" if given == found[0] else f" with {found[0]!r}"
+                raise ValueError(
+                    f"scenarios cannot be {given!r}, which is held out{what}: use 'training' or other scenarios"
+                )
+
+
+def _disturbs_alike(scenario: Scenario, other: Scenario) -> bool:
+    """Return whether a scenario is another one, perhaps with another vehicle, name, duration or control period."""
+    if any(getattr(scenario, name) != getattr(other, name) for name in _DISTURBANCES):
+        return False
+    return bool(scenario.wind == other.with_vehicle(scenario.vehicle, scenario.interface).wind)
 
 
 class _Shipped(Mapping[str, Any]):

@@ -29,6 +29,7 @@ CasADi is an extra: ``pip install 'quadpend-gym[mpc]'``.
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,6 +60,7 @@ _MAX_STATE = 1e3  # SI units; a step to a larger state is a failure
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| in a plan
 _CONVERGED = 1e-3  # after a smaller change of all actions, no further step is taken
 _STEP = 1e-6  # of the finite differences
+_SOLVING = Lock()  # threads may share a controller, but CasADi's solvers and the graphs that they share have no locks
 
 
 class NmpcMemory(NamedTuple):
@@ -244,8 +246,9 @@ class Nmpc:
         gradient = gradient[..., 0] + ((actions - horizon.actions) @ R).reshape(rows, -1)
         given = actions.reshape(rows, -1)
         change = np.empty_like(given)
-        for row in range(rows):
-            bounds = {"lbx": -1.0 - given[row], "ubx": 1.0 - given[row]}
-            change[row] = np.asarray(self._solver(h=hessian[row], g=gradient[row], **bounds)["x"])[:, 0]
+        with _SOLVING:
+            for row in range(rows):
+                bounds = {"lbx": -1.0 - given[row], "ubx": 1.0 - given[row]}
+                change[row] = np.asarray(self._solver(h=hessian[row], g=gradient[row], **bounds)["x"])[:, 0]
         states = plan + offsets + (responses @ change[:, np.newaxis, :, np.newaxis])[..., 0]
         return states, np.clip(given + change, -1.0, 1.0).reshape(actions.shape)

@@ -13,7 +13,7 @@ from quadpend_baselines.hybrid.hybrids import Hybrid, HybridMemory, hybrid_from_
 from quadpend_baselines.policy.protocol import replace_rows
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.envs.inputs import check_action, clip_rounding
-from quadpend_gym.envs.spaces import observation_space
+from quadpend_gym.envs.spaces import action_space, observation_space
 from quadpend_gym.envs.world import world_of
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
@@ -56,6 +56,7 @@ class VectorHybridWrapper(VectorWrapper):
         self.hybrid = made(world.simulation, loop) if named else found
         self.single_observation_space = observation_space(self.hybrid.observation_size(space.shape[0]))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.single_action_space = action_space(hybrid=type(self.hybrid).__name__)
         self.memory: HybridMemory | None = None
         self._asked: tuple[Floats32, HybridMemory] | None = None  # the base action, if it has been computed
         self._seen = np.empty(0, np.float32)

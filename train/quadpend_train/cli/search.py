@@ -6,7 +6,6 @@ from pathlib import Path
 
 import tyro
 
-from quadpend_gym.scenarios import refuse_held_out
 from quadpend_train.cli.options import Episodes, Seed, Trials, named_scenarios
 
 
@@ -45,10 +44,10 @@ def tune(
     """
     from quadpend_train.search import shared, tuning
 
-    out.mkdir(parents=True, exist_ok=True)
-    refuse_held_out(scenarios)
     chosen = [*named_scenarios(scenarios, vehicle, interface).values()]
-    for search in [tuning.Search(name, chosen, episodes, geometric) for name in controllers]:
+    searches = [tuning.Search(name, chosen, episodes, geometric) for name in controllers]
+    out.mkdir(parents=True, exist_ok=True)
+    for search in searches:
         study = search.open(storage or str(out / "trials.log"), seed)
         print(json.dumps(tuning.tune(search, study, trials, out), indent=1))
         shared.draw(study, "loss (mm)", out / f"{search.name}.png")

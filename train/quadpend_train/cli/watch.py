@@ -9,7 +9,7 @@ import tyro
 
 from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_train.cli.options import named_scenarios
-from quadpend_train.evaluation.episodes import VALIDATION_SEED
+from quadpend_train.evaluation.episodes import TEST_SEED
 
 FORMATS = (".mp4", ".gif", ".webp", ".png")
 _WINDOW_RATE = 60.0  # pictures per second
@@ -43,7 +43,7 @@ _DEFAULT = VideoOptions()
 def watch(
     policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "ppo-gain-scheduling-0"),
     scenarios: tuple[str, ...] = ("windy",),
-    seed: int = VALIDATION_SEED,
+    seed: int = TEST_SEED,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = _DEFAULT,
     vehicle: str | None = None,
     interface: str | None = None,

@@ -18,7 +18,7 @@ from quadpend_gym.core.factories import split_name
 from quadpend_gym.scenarios import Scenario, as_scenario, find_scenarios, scenario_data
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.cost import call_time
-from quadpend_train.evaluation.episodes import VALIDATION_SEED
+from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.ranking import RankingRow, ranking
 from quadpend_train.evaluation.references import references
@@ -74,7 +74,7 @@ def compare(
     policies: Policies,
     scenarios: Scenarios,
     episodes: int = 100,
-    seed: int = VALIDATION_SEED,
+    seed: int = TEST_SEED,
     cache_folder: Path | str | None = None,
     jobs: int | Executor = 1,
 ) -> Comparison:

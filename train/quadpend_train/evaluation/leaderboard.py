@@ -27,9 +27,14 @@ class LeaderboardRow(NamedTuple):
     wins: int | None  # scenarios won, summed over all other policies, see `compare_all_pairs`; None: not counted
     losses: int | None
 
+    @property
+    def has_rank(self) -> bool:
+        """Whether the policy survives at all."""
+        return self.survival.value > 0.0
+
 
 def leaderboard(table: pd.DataFrame) -> list[LeaderboardRow]:
-    """Return the rows of all policies, ordered by the mean penalised RMSE, the smallest first."""
+    """Return the rows of all policies, ordered by the mean penalised RMSE, the smallest first; without rank last."""
     wins: Counter[tuple[str, int]] = Counter()  # by policy and sign: 1 for wins, −1 for losses
     for (first, second), pair in compare_all_pairs(table).items():
         for sign in (1, -1):
@@ -38,7 +43,7 @@ def leaderboard(table: pd.DataFrame) -> list[LeaderboardRow]:
     for (scenario, policy), values in cells(table).items():
         by_policy.setdefault(policy, {})[scenario] = values
     lines = [standing(policy, results, wins[policy, 1], wins[policy, -1]) for policy, results in by_policy.items()]
-    return sorted(lines, key=lambda row: row.penalised_rmse.value)
+    return sorted(lines, key=lambda row: (not row.has_rank, row.penalised_rmse.value))
 
 
 def standing(

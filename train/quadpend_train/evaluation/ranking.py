@@ -1,7 +1,8 @@
 """The ranking of the flight benchmark: survival first, and then the error as a multiple of a reference.
 
 The policy with the highest survival is compared with every other one in the same episodes of all scenarios
-(`p_proportion`, corrected by Holm's method). The policies whose survival is not significantly lower are ranked by
+(`p_proportion`, corrected by Holm's method). The policies whose survival is not significantly lower, if they have
+survivors in every scenario, are ranked by
 
     (1)  exp( mean over scenarios s of  ½ log(mean of e² over survived episodes) − log r_s )
 
@@ -24,8 +25,11 @@ class RankingRow(NamedTuple):
     """One policy in the ranking."""
 
     policy: str
-    is_safe: bool  # whether its survival is not significantly lower than the highest one
+    is_safe: (
+        bool  # whether it has a rank: it has an error, and its survival is not significantly lower than the highest
+    )
     survival: Interval  # %, of all episodes
+    falls: int  # of all training seeds
     worst_survival: Interval  # % in the scenario where it is smallest; ignores the selection of this scenario
     worst_scenario: str
     multiple: Interval  # (1); nan if the policy falls in all episodes of a scenario
@@ -47,20 +51,22 @@ def ranking(table: pd.DataFrame, references: Mapping[str, float] | None = None) 
     p_values = dict(zip(others, holm([p_proportion(survived[name], survived[best]) for name in others]), strict=True))
     safe = {name for name in survived if p_values.get(name, 1.0) >= 1.0 - CONFIDENCE}
     errors = {name: [survivors(values) for values in found.values()] for name, found in by_policy.items()}
-    smallest = np.nanmin([[_size(error) for error in errors[name]] for name in safe], axis=0)
+    smallest = np.fmin.reduce([[_size(error) for error in errors[name]] for name in safe])
     found = zip(by_policy[best], smallest, strict=True)
     limits = [(references or {}).get(scenario, size) for scenario, size in found]
     rows = []
     for name, results in by_policy.items():
         worst = min(results, key=lambda scenario: float(results[scenario]["survived"].mean()))
+        error = multiple(errors[name], limits)
         rows.append(
             RankingRow(
                 name,
-                name in safe,
+                name in safe and not np.isnan(error.value),
                 proportion(survived[name]).scaled(100.0),
+                int(np.sum(~survived[name])),
                 proportion(results[worst]["survived"]).scaled(100.0),
                 worst,
-                multiple(errors[name], limits),
+                error,
                 float(np.mean([values["effort"].mean() for values in results.values()])),
             )
         )

@@ -28,8 +28,14 @@ class Metric(NamedTuple):
     estimate: Callable[[Any], Interval] = mean  # of values of shape (s, n)
 
 
+def _failures(successes: Any) -> Interval:
+    """Return a count, which has no interval."""
+    return Interval(float(np.sum(~successes)), np.nan, np.nan)
+
+
 METRICS = {
     "survival": Metric("survived", "%", 100.0, proportion),
+    "falls": Metric("survived", estimate=_failures),
     "penalised_rmse": Metric("penalised_rmse", "mm", 1000.0),
     "rmse_of_survivors": Metric("rmse", "mm", 1000.0),
     "settled_rmse": Metric("settled_rmse", "mm", 1000.0),

@@ -25,6 +25,7 @@ from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.envs.spaces import action_space
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.policies.finite_differences import with_velocities
+from quadpend_train.policies.mlp_policy import check_interface
 from quadpend_train.policies.normalization import Normalization
 
 PROTOCOL = (
@@ -36,13 +37,19 @@ PROTOCOL = (
 class ObjectPolicy(Policy):
     """An object with the method `predict`.
 
-    Of a model, the normalisation and the sizes of its observations may be known.
+    Of a model, the normalisation, the sizes of its observations, and the interface and the vehicle of its training may
+    be known, the latter two as in the card of an `MlpPolicy`.
     """
 
     def __init__(
-        self, value: Any, normalization: Normalization | None = None, observation_sizes: tuple[int, ...] | None = None
+        self,
+        value: Any,
+        normalization: Normalization | None = None,
+        observation_sizes: tuple[int, ...] | None = None,
+        card: dict[str, str] | None = None,
     ) -> None:
         self.value, self.normalization, self.observation_sizes = value, normalization, observation_sizes
+        self.card = card
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -57,7 +64,10 @@ class ObjectPolicy(Policy):
 
     def adapt(self, scenario: Scenario) -> Policy:
         """Return a model as it is, and allocate the thrust and torques of another object to rotors as actuators."""
-        return with_velocities(self, scenario) if self.observation_sizes else allocate_rotors(self, scenario)
+        if self.card is None:
+            return allocate_rotors(self, scenario)
+        check_interface(self.card, scenario.simulation)
+        return with_velocities(self, scenario)
 
 
 class FunctionPolicy(Policy):
@@ -102,15 +112,16 @@ def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
 
     The memory of a recurrent model is the state of its LSTM.
     """
-    from quadpend_train.policies.export import export, normalization_of
+    from quadpend_train.policies.export import export, normalization_of, trained_for
 
     normalization = normalization_of(model, vec_normalize)
     if model.action_space != action_space():
         raise ValueError(f"{type(model).__name__} acts in {model.action_space}; a policy acts in {action_space()}")
+    card = trained_for(model)
     try:
         return export(model, vec_normalize)
     except Exception:  # networks of other libraries have other attributes
-        return ObjectPolicy(model, normalization, model.observation_space.shape)
+        return ObjectPolicy(model, normalization, model.observation_space.shape, card)
 
 
 class FactoryPolicy(Policy):

@@ -1,5 +1,6 @@
 """Policies from models of Stable-Baselines3: exported to an `MlpPolicy`, or run as they are."""
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from functools import partial
@@ -8,11 +9,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 import torch
+from gymnasium import logger
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.envs.spaces import action_meaning
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
-from quadpend_train.policies.normalization import Normalization, from_vec_normalize, statistics_file
+from quadpend_train.policies.normalization import STATISTICS, Normalization, from_vec_normalize, statistics_files
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, actor_modules, read_zip
 
 _TOLERANCE = 1e-5  # of a component of the action: torch and numpy sum float32 numbers in different orders
@@ -31,6 +34,8 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
         card: Further entries of the card, such as a hybrid.
     """
     layers, fields = read_layers(actor_modules(model))
+    if not card.get("hybrid"):
+        fields |= trained_for(model)
     normalization = normalization_of(model, vec_normalize)
     if normalization is not None:
         fields["normalization"] = asdict(normalization)
@@ -45,8 +50,7 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
 def export_zip(path: str | Path, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
     """Return the policy of a saved model (.zip), see `export`. Loading a model executes code that is in its file.
 
-    Without `vec_normalize`, the file that RL Baselines3 Zoo saves with the model is used if it is there, see
-    `statistics_file`.
+    Without `vec_normalize`, the statistics are those of the file of `statistics_files`.
     """
     return from_zip(Path(path), vec_normalize, partial(export, **card))
 
@@ -55,9 +59,45 @@ def from_zip(path: Path, vec_normalize: Any, convert: Callable[[Any, Any], _Made
     """Return what a function makes of a saved model and of its `VecNormalize`, see `export_zip`."""
     model = read_zip(path)
     try:
-        return convert(model, vec_normalize or statistics_file(path))
+        return convert(model, vec_normalize or _statistics(path, model))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _statistics(path: Path, model: Any) -> Path | None:
+    """Return the file of the statistics with which a saved model was trained, and say what is applied.
+
+    `_last_original_obs` are the observations before the normalisation, which `learn` stores only with `VecNormalize`.
+    """
+    found = statistics_files(path)
+    names = " and ".join(map(str, found))
+    learned, normalized = (getattr(model, f"_last_{name}obs", None) is not None for name in ("", "original_"))
+    if learned and not normalized:
+        if found:
+            print(f"{path} was trained without VecNormalize: {names} is not applied.", file=sys.stderr)
+        return None
+    if len(found) > 1:
+        raise ValueError(f"the statistics of VecNormalize are in {names}: keep one of them")
+    if found:
+        print(f"{path}: observations are normalised by {names}.", file=sys.stderr)
+    elif normalized:
+        logger.warn(
+            "%s was trained with VecNormalize, but without %s beside it the observations are not normalised",
+            *(path, " or ".join(STATISTICS)),
+        )
+    return found[0] if found else None
+
+
+def trained_for(model: Any) -> dict[str, str]:
+    """Return the interface and the vehicle of a model's training, as on a card; nothing if the model does not say it.
+
+    Raises:
+        ValueError: If the model is a part of a hybrid, which does not fly alone.
+    """
+    found = action_meaning(model.action_space)
+    if "hybrid" in found:
+        raise ValueError(f"the model is the network of a hybrid ({found['hybrid']}): give the policy file of its run")
+    return found
 
 
 def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[list[tuple[Floats32, Floats32]], dict[str, Any]]:

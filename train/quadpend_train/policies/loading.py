@@ -14,7 +14,7 @@ from quadpend_gym.scenarios import Scenario
 from quadpend_train.policies.compiled import C_PREFIX, CPolicy, is_c
 from quadpend_train.policies.conversion import PROTOCOL, FactoryPolicy, ObjectPolicy, policy_from_model
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
-from quadpend_train.policies.normalization import statistics_file
+from quadpend_train.policies.normalization import statistics_files
 
 
 def load_policies(names: str) -> list[Policy]:
@@ -68,8 +68,13 @@ def load_policy(name: str) -> Policy:
         from quadpend_train.policies.export import from_zip
 
         policy = from_zip(path, None, policy_from_model)
-    else:
+    elif path.suffix == ".npz":
         policy = MlpPolicy.load(path)
+    else:
+        raise ValueError(
+            f"{path} is neither a policy file (.npz) nor a model of Stable-Baselines3 (.zip): weights of torch, as of"
+            " CleanRL, and ONNX files fly by a function of yours, 'module:factory', which returns a FunctionPolicy"
+        )
     policy.fingerprint = policy_fingerprint(name)
     return policy
 
@@ -79,18 +84,21 @@ def policy_fingerprint(name: str) -> str:
     if name in CONTROLLERS:
         return name
     path = policy_file(name)
-    statistics = statistics_file(path) if path.suffix == ".zip" else None
-    return hashlib.sha256(path.read_bytes() + (statistics.read_bytes() if statistics else b"")).hexdigest()
+    files = [path, *(statistics_files(path) if path.suffix == ".zip" else [])]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def policy_file(name: str) -> Path:
     """Return the file of a learned policy, see `load_policy`."""
     path = Path(name)
     if path.is_dir():
-        zoo = path / f"{path.name.rpartition('_')[0]}.zip"  # RL Baselines3 Zoo saves models as ID_1/ID.zip
-        path = zoo if zoo.is_file() else path / "policy.npz"
+        path = _file_in(path)
     if not path.is_file():
         path = SHIPPED / f"{name}.npz"
+    if not path.is_file() and ("/" in name or Path(name).suffix):
+        raise ValueError(
+            f"there is no policy file {name!r}, and no folder with one: download a model of Hugging Face to a folder"
+        )
     if not path.is_file():
         known = [*CONTROLLERS, *shipped_policies()]
         raise ValueError(
@@ -100,14 +108,27 @@ def policy_file(name: str) -> Path:
     return path
 
 
+def _file_in(folder: Path) -> Path:
+    """Return the policy of a run, ENV.zip of a folder ENV_1 of RL Baselines3 Zoo, or the only model in a folder."""
+    zoo, models = folder / f"{folder.name.rpartition('_')[0]}.zip", [*folder.glob("*.zip")]
+    if zoo in models:
+        return zoo
+    models = [path for path in models if path.name != "train_eval_metrics.zip"]  # of the Zoo on Hugging Face
+    if not models or (folder / "settings.json").is_file():
+        return folder / "policy.npz"
+    if len(models) > 1:
+        raise ValueError(f"give the path of one of the models in {folder}: {', '.join(sorted(p.name for p in models))}")
+    return models[0]
+
+
 def check_policy(name: str, policy: Policy, scenario_name: str, scenario: Scenario) -> None:
     """Fly a policy for two steps in two sub-environments of a scenario, so that a mismatch is found early.
 
-    An exported policy from elsewhere is warned about unless the scenario has the interface ``"wrench"``, since nothing
-    says what its actions command.
+    A policy from elsewhere is warned about if nothing says what its actions command.
     """
     interface, memory = scenario.simulation.interface, None
-    if interface != "wrench" and isinstance(policy, MlpPolicy) and "interface" not in policy.card:
+    card = getattr(policy, "card", None)
+    if card is not None and "interface" not in card:
         logger.warn("nothing says what the actions of %s command: they are taken as those of %r", name, interface)
     try:
         adapted = policy.adapt(scenario)

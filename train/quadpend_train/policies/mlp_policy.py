@@ -196,7 +196,7 @@ def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
     from elsewhere have no `interface` on their card: they are not checked.
     """
     trained, interface = card.get("interface"), simulation.interface
-    if trained is None or (card["hybrid"] or {}).get("kind") == "bandwidth_scheduling":
+    if trained is None or (card.get("hybrid") or {}).get("kind") == "bandwidth_scheduling":
         return
     if trained != interface:
         raise ValueError(

@@ -1,6 +1,7 @@
 """Normalisation of observations: that of `VecNormalize` of Stable-Baselines3, as data in the card of a policy."""
 
 import pickle
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +11,7 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.settings import Range, settings
 from quadpend_train.common.text import brief
 
-STATISTICS = "vecnormalize.pkl"  # name of the file in the run folders of RL Baselines3 Zoo
+STATISTICS = "vec_normalize.pkl", "vecnormalize.pkl"  # of Stable-Baselines3's pages and Hugging Face, and of the Zoo
 _LARGEST = float(np.finfo(np.float32).max)  # a card has no infinity
 
 
@@ -47,7 +48,20 @@ def from_vec_normalize(vec_normalize: Any, size: int) -> Normalization | None:
     return Normalization(mean, np.sqrt(variance + found.epsilon), clip)
 
 
-def statistics_file(model: Path) -> Path | None:
-    """Return the file of the statistics of a model (.zip), beside it or, as in RL Baselines3 Zoo, one folder below."""
-    found = [path for path in (model.parent / STATISTICS, *model.parent.glob(f"*/{STATISTICS}")) if path.is_file()]
-    return found[0] if len(found) == 1 else None
+def statistics_files(model: Path) -> list[Path]:
+    """Return the files that by their names have the statistics of a model (.zip), without copies.
+
+    These are ``PREFIX_vecnormalize_N_steps.pkl`` beside ``PREFIX_N_steps.zip`` of a `CheckpointCallback`, else
+    `STATISTICS` beside the model, in a folder with its name, and in ``ENV`` beside a model in the folder ``ENV_1`` of
+    RL Baselines3 Zoo.
+    """
+    folder = model.parent
+    if checkpoint := re.fullmatch(r"(.+)_(\d+)_steps", model.stem):
+        own = folder / "{}_vecnormalize_{}_steps.pkl".format(*checkpoint.groups())
+        if own.is_file():
+            return [own]
+    folders = [folder, folder / model.stem]
+    if run := re.fullmatch(r"(.+)_\d+", folder.resolve().name):
+        folders.append(folder / run[1])
+    found = [path for folder in dict.fromkeys(folders) for name in STATISTICS if (path := folder / name).is_file()]
+    return [*{path.read_bytes(): path for path in reversed(found)}.values()]

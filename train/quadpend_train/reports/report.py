@@ -7,7 +7,7 @@ from pathlib import Path
 
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios, compare
-from quadpend_train.evaluation.episodes import VALIDATION_SEED
+from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
 from quadpend_train.evaluation.table import summary_table
 from quadpend_train.reports import figures, html_page, tables
@@ -34,7 +34,7 @@ def evaluate(
     out: str | Path = "results",
     *,
     episodes: int = 100,
-    seed: int = VALIDATION_SEED,
+    seed: int = TEST_SEED,
     jobs: int | Executor = 1,
     cache_folder: Path | str | None = None,
     replay: int = 2,

@@ -16,7 +16,7 @@ from quadpend_train.evaluation.table import METRICS
 from quadpend_train.reports import figures
 
 # Metrics in the tables.
-METRIC_COLUMNS = ("survival", "penalised_rmse", "rmse_of_survivors", "settled_rmse", "largest_tilt", "effort")
+METRIC_COLUMNS = ("survival", "falls", "penalised_rmse", "rmse_of_survivors", "settled_rmse", "largest_tilt", "effort")
 MANY_EPISODES = 50  # from this number on, most intervals cover close to 95 %, see docs/accuracy.md
 _POINTS = 100  # of an error curve
 _SMALLEST = 0.05  # mm, lower end of the error axis
@@ -44,29 +44,31 @@ def with_margins(rows: Rows, comparison: Comparison) -> Rows:
 
 
 def leaderboard_rows(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> Rows:
-    """Return the leaderboard, below a row without a rank if there is one."""
+    """Return the leaderboard, below the row of a bound if there is one; who always falls has no error and no rank."""
     headings = ("rank", "policy", "penalised rmse (mm)", "survival (%)", "worst survival (%)", "wins", "losses")
     rows: Rows = [headings]
     for rank, row in enumerate([bound, *standings] if bound else standings, 0 if bound else 1):
         worst = f"{format_interval(row.worst_survival)} {row.worst_scenario}"
         counts = ("–" if count is None else str(count) for count in (row.wins, row.losses))
-        intervals = map(format_interval, (row.penalised_rmse, row.survival))
-        rows.append([str(rank or "–"), row.policy, *intervals, worst, *counts])
+        error = format_interval(row.penalised_rmse) if row.has_rank else "–"
+        place = str(rank) if rank and row.has_rank else "–"
+        rows.append([place, row.policy, error, format_interval(row.survival), worst, *counts])
     return rows
 
 
 def ranking_rows(comparison: Comparison) -> Rows:
-    """Return the ranking of a comparison; the policies without a rank survive significantly less than the best."""
+    """Return the ranking of a comparison; the policies without a rank survive significantly less, or not everywhere."""
     reference = "reference" if comparison.references.keys() >= comparison.scenarios.keys() else "best policy's"
     headings = ("rank", "policy", "survival (%)", "worst survival (%)", f"error (multiple of the {reference})")
-    rows: Rows = [(*headings, "effort", "call (µs)", "delay margin (ms)")]
+    rows: Rows = [(*headings, "falls", "effort", "call (µs)", "delay margin (ms)")]
     for rank, row in enumerate(comparison.ranking, 1):
         worst = f"{format_interval(row.worst_survival)} {row.worst_scenario}"
         found = [comparison.margins.get((scenario, row.policy)) for scenario in comparison.scenarios]
         margin = min((1000.0 * margins.delay for margins in found if margins), default=np.nan)
         numbers = row.effort, 1e6 * comparison.call_times[row.policy], margin
         intervals = format_interval(row.survival), worst, format_interval(row.multiple)
-        rows.append([str(rank) if row.is_safe else "–", row.policy, *intervals, *map(format_number, numbers)])
+        place = str(rank) if row.is_safe else "–"
+        rows.append([place, row.policy, *intervals, str(row.falls), *map(format_number, numbers)])
     return rows
 
 

@@ -36,7 +36,7 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.settings import suggest
 from quadpend_gym.physics.plants import RigidPlant, plant_of
-from quadpend_gym.scenarios import Scenario, find_scenarios, scenario_data
+from quadpend_gym.scenarios import Scenario, find_scenarios, refuse_held_out, scenario_data
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
@@ -69,6 +69,7 @@ class Search:
         geometric: bool = False,
     ) -> None:
         self.name, self.episodes, self.geometric = name, episodes, geometric
+        refuse_held_out(scenarios)
         self.scenarios = find_scenarios(scenarios)
         found = [*self.scenarios.values()]
         if len({(scenario.task.pendulum, pendulum_arm(scenario)) for scenario in found}) > 1:
