@@ -1,5 +1,6 @@
 """NMPC: its linear limit, optimal plans within the limits, failures, and every interface of a rigid vehicle."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -101,3 +102,18 @@ def test_a_rigid_vehicle_hovers_in_wind_with_its_latency(interface: Any) -> None
         start = np.zeros(1, np.bool_)
         assert not terminated[0]
     assert np.linalg.norm(info["tracking_error"][0]) < 0.06
+
+
+def test_threads_that_share_a_controller_get_the_actions_of_separate_ones() -> None:
+    policy, observations = controller("nmpc"), np.random.default_rng(0).normal(0.0, 0.02, (3, 30, 1, 36))
+
+    def fly(row: Floats) -> list[Any]:
+        actions, memory = [], None
+        for observation in row:
+            action, memory = policy.predict(observation, memory)
+            actions.append(action)
+        return actions
+
+    expected = [fly(row) for row in observations]
+    with ThreadPoolExecutor(3) as threads:
+        assert_array_equal([*threads.map(fly, observations)], expected)

@@ -122,6 +122,30 @@ def test_the_flight_benchmark_has_four_parts_and_no_test_scenario_in_its_trainin
             refuse_held_out([name])
 
 
+@pytest.mark.parametrize(
+    "held_out",
+    [
+        "storm",
+        "gale=storm",
+        "storm@racer",
+        "flight_dryden_fast@crazyflie",
+        '{"wind": "storm", "duration": 5.0}',
+        "FILE",
+    ],
+)
+def test_a_held_out_scenario_is_refused_under_any_name_and_on_any_vehicle(held_out: str, tmp_path: Path) -> None:
+    (file := tmp_path / "mine.toml").write_text('[scenarios]\nb = {wind = "storm", vehicle = "racer"}\n', "utf-8")
+    with pytest.raises(ValueError, match=r"scenarios cannot be .*, which is held out"):
+        refuse_held_out(["windy", held_out.replace("FILE", str(file))])
+
+
+def test_the_scenarios_of_every_training_set_may_be_trained_in() -> None:
+    refuse_held_out([name for name in SETS if name.startswith("training")])
+    refuse_held_out(
+        ["calm", "swing_up", "load_windy@racer", '{"wind": "storm", "sensors": {"kind": "noise", "position": 1}}']
+    )
+
+
 def test_the_wind_of_a_scenario_rises_and_that_of_a_wrapper_does_not() -> None:
     """Forces, torques and velocities are those of the sudden wind times min(t/wind_rise, 1), bit for bit after it."""
     wind = [{"kind": "drawn", "wind": {"kind": "dryden"}}, {"kind": "ornstein_uhlenbeck", "force": 1.0, "torque": 0.1}]

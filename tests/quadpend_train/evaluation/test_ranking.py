@@ -11,9 +11,11 @@ from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_train.evaluation.cost import call_time
 from quadpend_train.evaluation.delay_budget import delay_budget
 from quadpend_train.evaluation.episodes import run_episodes
+from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.ranking import multiple, ranking
 from quadpend_train.evaluation.recovery import recovery
-from quadpend_train.reports.tables import ranking_rows
+from quadpend_train.evaluation.table import summary_table
+from quadpend_train.reports.tables import leaderboard_rows, metric_rows, ranking_rows
 from tests.helpers.policies import synthetic_comparison, synthetic_results
 
 RANDOM = np.random.default_rng(0)
@@ -57,6 +59,23 @@ def test_survival_ranks_first_and_then_the_multiple_of_the_reference() -> None:
     ranked = ranking_rows(replace(found, scenarios=flight))
     assert ranked[0][4] == "error (multiple of the best policy's)"
     assert [row[0] for row in ranked[1:]] == ["1", "2", "–"]
+
+
+def test_who_always_falls_has_no_error_and_no_rank_and_comes_last() -> None:
+    """Four episodes cannot tell 0 from 100 % of survival; a policy without survivors in a scenario has no error."""
+    falls, good, weak = (synthetic_results([0.02, 0.02], survived) for survived in (False, True, [True, False]))
+    found = synthetic_comparison(bad=[falls, falls], half=[falls, good], steady=[good, good], weak=[weak, weak])
+    flight = {name: replace(scenario, unscored=1.0) for name, scenario in found.scenarios.items()}
+    _, *ranked = ranking_rows(replace(found, scenarios=flight))
+    assert [row[1] for row in ranked] == ["steady", "weak", "half", "bad"]
+    assert [row[0] for row in ranked] == ["1", "2", "–", "–"]
+    assert [row[4] for row in ranked[2:]] == ["–", "–"]
+    assert [row[5] for row in ranked] == ["0", "2", "2", "4"]
+    last = leaderboard_rows(leaderboard(found.table))[-1]
+    assert (last[:3], last[3][:4]) == (["–", "bad", "–"], "0.00")
+    assert [row[3] for row in metric_rows(found)] == ["falls", "2", "2", "0", "1", "2", "0", "0", "1"]
+    assert summary_table(found.summaries).query("metric == 'falls'")["value"].sum() == 8
+    assert not any(row.is_safe for row in ranking(synthetic_comparison(a=[falls], b=[falls]).table))
 
 
 def test_the_interval_of_a_multiple_covers_it_and_a_scenario_without_survivors_has_none() -> None:

@@ -15,18 +15,21 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 
+from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.conversion import FunctionPolicy, as_policy
 from quadpend_train.policies.export import export, export_zip, read_layers
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.policies.normalization import statistics_files
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, linear_layers, read_zip
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import make_vec
 from tests.helpers.own_code import write_module
-from tests.helpers.policies import mlp_policy
+from tests.helpers.policies import RESIDUAL_ACTION, mlp_policy
 
 OBSERVATIONS = np.random.default_rng(1).normal(size=(50, 36)).astype(np.float32)
 ROLLOUT, BUFFER = {"n_steps": 4, "batch_size": 8}, {"buffer_size": 8}
@@ -210,6 +213,84 @@ def test_the_statistics_beside_a_model_belong_to_the_policy(zoo: Any, tmp_path: 
     assert load_policy(str(lost)).fingerprint == policy_fingerprint(str(lost)) != before
     (tmp_path / "vecnormalize.pkl").write_bytes(b"nonsense")
     assert_refused(lambda: load_policy(str(lost)), "vecnormalize.pkl is not a VecNormalize", ValueError)
+
+
+@pytest.mark.parametrize(
+    ("model", "statistics", "is_found"),
+    [
+        ("ppo.zip", "vec_normalize.pkl", True),
+        ("ppo.zip", "vecnormalize.pkl", True),
+        ("my_run_800_steps.zip", "my_run_vecnormalize_800_steps.pkl", True),
+        ("QuadPendulum-v0_1/best_model.zip", "QuadPendulum-v0_1/QuadPendulum-v0/vecnormalize.pkl", True),
+        ("renamed/QuadPendulum-v0.zip", "renamed/QuadPendulum-v0/vecnormalize.pkl", True),
+        ("ppo.zip", "run2/vecnormalize.pkl", False),
+        ("my_run_800_steps.zip", "my_run_vecnormalize_900_steps.pkl", False),
+        ("my_run_800_steps.zip", "other_vecnormalize_800_steps.pkl", False),
+        ("ppo.zip", "my_run_vecnormalize_800_steps.pkl", False),
+    ],
+)
+def test_statistics_are_found_by_their_usual_names_and_no_others(
+    model: str, statistics: str, is_found: bool, tmp_path: Path
+) -> None:
+    (tmp_path / statistics).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / statistics).write_bytes(b"")
+    assert statistics_files(tmp_path / model) == [tmp_path / statistics] * is_found
+
+
+def test_statistics_are_applied_if_and_only_if_the_model_was_trained_with_them(
+    zoo: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (lost := tmp_path / "lost.zip").write_bytes((zoo[0] / "QuadPendulum-v0.zip").read_bytes())
+    with pytest.warns(UserWarning, match="lost.zip was trained with VecNormalize, but without vec_normalize.pkl or"):
+        assert load_policy(str(lost)).card.get("normalization") is None
+    statistics = (zoo[0] / "QuadPendulum-v0/vecnormalize.pkl").read_bytes()
+    (tmp_path / "vec_normalize.pkl").write_bytes(statistics)
+    assert load_policy(str(tmp_path)).card["normalization"]["clip"] == 2.0
+    assert "lost.zip: observations are normalised by" in capsys.readouterr().err
+    PPO("MlpPolicy", env(), device="cpu", **ROLLOUT).learn(8).save(plain := tmp_path / "plain.zip")
+    assert load_policy(str(plain)).card.get("normalization") is None
+    assert "plain.zip was trained without VecNormalize" in capsys.readouterr().err
+    (tmp_path / "vecnormalize.pkl").write_bytes(statistics + b" ")
+    assert_refused(lambda: load_policy(str(lost)), "lost.zip: .* in .* and .*: keep one of them", ValueError)
+    assert_refused(lambda: load_policy(str(tmp_path)), "one of the models in .*: lost.zip, plain.zip", ValueError)
+
+
+@pytest.mark.parametrize("kind", [PPO, RecurrentPPO])
+def test_a_model_is_refused_where_its_actions_mean_something_else(kind: Any, tmp_path: Path) -> None:
+    rates = Scenario(vehicle="hummingbird", interface="body_rates")
+    for scenario, other in ((Scenario(vehicle="hummingbird"), rates), (rates, Scenario(vehicle="hummingbird"))):
+        around = VecNormalize(SB3VecEnv(scenario.make_vec(2)))
+        name = "MlpLstmPolicy" if kind is RecurrentPPO else "MlpPolicy"
+        kind(name, around, device="cpu", **ROLLOUT).save(path := tmp_path / "model.zip")
+        policy = load_policy(str(path))
+        policy.adapt(scenario)
+        assert_refused(lambda policy=policy, other=other: policy.adapt(other), "trained with the interface", ValueError)
+
+
+def test_the_network_of_a_hybrid_does_not_fly_alone(tmp_path: Path) -> None:
+    hybrid = VectorHybridWrapper(make_vec(2, autoreset_mode="SameStep"), RESIDUAL_ACTION)
+    PPO("MlpPolicy", SB3VecEnv(hybrid), device="cpu", **ROLLOUT).save(path := tmp_path / "model.zip")
+    for load in (export_zip, load_policy):
+        assert_refused(lambda load=load: load(str(path)), "is the network of a hybrid .ResidualAction", ValueError)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("empty.zip", b"", "is not a model saved by Stable-Baselines3"),
+        ("ppo.cleanrl_model", b"PK", "is neither a policy file .* weights of torch, as of CleanRL"),
+        ("policy.pth", b"PK", "is neither a policy file"),
+        ("user/ppo-QuadPendulum-v0", None, "no policy file .*: download a model of Hugging Face"),
+        ("missing.zip", None, "no policy file 'missing.zip'"),
+    ],
+)
+def test_other_files_are_refused_in_one_sentence(
+    name: str, content: bytes | None, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if content is not None:
+        Path(name).write_bytes(content)
+    assert_refused(lambda: load_policy(name), message, ValueError)
 
 
 @pytest.mark.parametrize("squash", [[], [nn.Tanh()]], ids=["", "tanh"])

@@ -33,7 +33,7 @@ def test_the_gains_are_within_the_ranges_of_the_search(name: str, vehicle: str) 
 
 def test_gains_with_too_small_a_delay_margin_do_not_fly(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("control")
-    search = tuning.Search("lqg", ("flight_breeze",), 1)
+    search = tuning.Search("lqg", ("flight_training_wind",), 1)
     monkeypatch.setattr(tuning, "fly", None)
     walks = {"estimator.force_walk": 1.12, "estimator.bob_force_walk": 7.4e-5, "estimator.torque_noise": 0.0014}
     trial = SimpleNamespace(params={"effort": 0.01, **walks})
@@ -77,6 +77,7 @@ def test_a_scenario_of_ones_own_is_tuned_for_and_its_changes_begin_a_new_study(
     ("name", "scenarios", "sentence"),
     [
         ("pid", ("calm",), "no controller 'pid'"),
+        ("lqr", ("windy", "storm@racer"), "scenarios cannot be 'storm@racer', which is held out"),
         ("lqr", ("load_windy", "windy"), "must agree in the side of the pendulum"),
         ("lqr", ("recovery", "windy"), "must agree in the side of the pendulum"),
     ],

@@ -143,6 +143,8 @@ def test_scenarios_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Pat
         ({"hybrid": {"base_controller": "lqr", "failure_penalty": 3.0}}, "needs baseline_relative_reward"),
         ({"hybrid": {"base_controller": "lqr", "mode": "residual_action", "imitation_timesteps": 1}}, "needs the mode"),
         ({"scenarios": "test"}, "scenarios cannot be 'test', which is held out"),
+        ({"scenarios": ["calm", "storm"]}, "scenarios cannot be 'storm', which is held out"),
+        ({"scenarios": {"wind": "storm"}}, "which is held out with 'storm'"),
         ({"scenarios": []}, "scenarios must name at least one scenario"),
         ({"scenarios": ["calm", "windy"], "num_envs": 3}, "num_envs must be a multiple of the number of scenarios, 2"),
         ({"start_from": "x", "hybrid": {"base_controller": "lqr", "imitation_timesteps": 1}}, "must be 0 with start_"),
