@@ -25,7 +25,7 @@ def policy_from_checkpoint(checkpoint: Path) -> Policy:
     head = torch.nn.Linear(last.in_features, 4)
     head.load_state_dict({"weight": last.weight[:4], "bias": last.bias[:4]})
     layers, fields = read_layers([*hidden, head])
-    return MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE})
+    return MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE, "interface": "wrench"})
 
 
 if __name__ == "__main__":
