@@ -80,14 +80,17 @@ WITHOUT = {  # files without one complete row
 REFUSED = {
     "empty": (b"", "No columns"),
     "blank": (b"\n\n", "No columns"),
-    "names alone": (HEAD, "ten complete rows.* not 0 with"),
+    "names alone": (
+        HEAD,
+        "ten complete rows.* not 0 with 0 time stamps in seconds 0 to 1e.09; its column 'time' has 0",
+    ),
     "one row": (csv(lambda table: table[:1]), "not 1 with"),
     "nine rows": (csv(lambda table: table[:9]), "not 9 with"),
     "ten rows": (csv(lambda table: table[:10]), "longer than 0.1 s"),
     "no names": (BODY, "no column 'time'; name its columns, which are '0.0'"),
     "upper case": (TEXT.upper(), "no column 'time'; name its columns, which are 'TIME', 'X'"),
     "no motor4": (csv(lambda table: table.drop(columns="motor4")), "no column 'motor4' .*motor"),
-    "x twice": (TEXT.replace(b",y,", b",x,"), "2 columns 'x'"),
+    "x twice": (TEXT.replace(b",y,", b",x,"), "two columns 'x'"),
     "semicolons": (csv(sep=";"), "no column 'time'.* 'time;x;y"),
     "tabs": (csv(sep="\t"), "no column 'time'"),
     "decimal commas": (HEAD + b"\n" + BODY.replace(b".", b","), "rows of as many numbers"),
@@ -160,6 +163,11 @@ def test_damaged_csv_files_are_refused_in_one_sentence(
         read_log(path)
     assert "my_log" in str(caught.value)
     assert "my_log" in refused(["replay", str(path), "--vehicle", "hummingbird"], capsys)
+
+
+def test_a_column_has_one_meaning() -> None:
+    with pytest.raises(ValueError, match="columns must name 'm1' once"):
+        Columns(motors=("m1", "m2", "m1", "m4"))
 
 
 def test_the_grid_ends_at_the_last_stamp() -> None:

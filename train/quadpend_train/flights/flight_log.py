@@ -55,6 +55,14 @@ class Columns:
     def __post_init__(self) -> None:
         if self.rate is None and self.quaternion is None:
             raise ValueError("columns must name the quaternion, the rate, or both")
+        if twice := [name for name in self.names if self.names.count(name) > 1]:
+            raise ValueError(f"columns must name {twice[0]!r} once")
+
+    @property
+    def names(self) -> list[str]:
+        """The names of all columns."""
+        vectors = (self.position, self.velocity, self.quaternion, self.rate, self.pole_direction)
+        return [self.time, *self.motors, *(name for names in vectors for name in names or ())]
 
 
 DEFAULT = Columns(velocity=("vx", "vy", "vz"), rate=("wx", "wy", "wz"))
@@ -125,18 +133,17 @@ class FlightLog:
 
 def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     """Return a log from a table: on an even grid, in the package's frames, with the derivatives that it lacks."""
-    vectors = (columns.position, columns.velocity, columns.quaternion, columns.rate, columns.pole_direction)
-    wanted = [columns.time, *columns.motors, *(name for names in vectors for name in names or ())]
-    stamps, numbers = _numbers(name, table, wanted, columns)
+    stamps, numbers = _numbers(name, table, columns)
     since = stamps - np.min(stamps, initial=np.inf)
     keep = numbers.notna().all(axis=1) & (since >= columns.seconds[0]) & (since <= columns.seconds[1])
     time, first = np.unique(stamps[keep], return_index=True)
     table = numbers[keep].iloc[first]
     if len(time) < 10 or 2 * len(time) < keep.sum():
-        counts = numbers.count()
+        counts, (begin, end) = numbers.count(), columns.seconds
         raise ValueError(
             f"the log {name!r} must have at least ten complete rows, most of them with their own time stamp, not"
-            f" {keep.sum()} with {len(time)} time stamps; its column {counts.idxmin()!r} has {counts.min()} numbers"
+            f" {keep.sum()} with {len(time)} time stamps in seconds {begin:g} to {end:g}; its column"
+            f" {counts.idxmin()!r} has {counts.min()} numbers"
         )
     period = round(float(np.median(np.diff(time))), 6)
     if not _PERIODS[0] <= period <= _PERIODS[1]:
@@ -196,14 +203,15 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     )
 
 
-def _numbers(name: str, table: pd.DataFrame, wanted: list[str], columns: Columns) -> tuple[Floats, pd.DataFrame]:
-    """Return the stamps in s and the wanted columns of all rows with a stamp, if the columns can be those of a log."""
-    for column in wanted:
-        if (count := list(table.columns).count(column)) != 1:
-            present = ", ".join(repr(str(each)[:30]) for each in table.columns[:30])
+def _numbers(name: str, table: pd.DataFrame, columns: Columns) -> tuple[Floats, pd.DataFrame]:
+    """Return the stamps in s and the named columns of all rows with a stamp, if they can be those of a flight."""
+    for column in (wanted := columns.names):
+        if column not in table or f"{column}.1" in table:  # pandas renames a second x to x.1
+            found = "two columns" if column in table else "no column"
+            present = ", ".join(repr(each[:30]) for each in table.columns[:30])
             raise ValueError(
-                f"the log {name!r} has {count or 'no'} column{'s' if count else ''} {column!r}"
-                f"{suggest(column, map(str, table.columns))}; name its columns, which are {present}"
+                f"the log {name!r} has {found} {column!r}{suggest(column, table.columns)}; name its columns, which are"
+                f" {present}"
             )
     numbers = table[wanted].apply(pd.to_numeric, errors="coerce").astype(float)
     wrong = (numbers.isna() & table[wanted].notna()) | (numbers.abs() > _LARGEST).assign(**{columns.time: False})

@@ -64,12 +64,11 @@ def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> F
 
 
 def _csv(path: Path) -> pd.DataFrame:
-    """Return all columns with the names of the first line; pandas alone renames repeated ones."""
-    names = pd.read_csv(path, header=None, nrows=1, skipinitialspace=True)
+    """Return all columns."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)  # rows with more cells than names
         table = pd.read_csv(path, index_col=False, skipinitialspace=True, low_memory=False)
-    return table.set_axis([str(name).strip() for name in names.iloc[0]], axis=1)
+    return table.rename(columns=str.strip)
 
 
 def _px4(path: Path) -> pd.DataFrame:
