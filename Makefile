@@ -75,11 +75,12 @@ clean:  ## delete the caches of numba and of the tools
 	touch $@
 
 # Ray beside the packages of .venv. Where it cannot be installed or does not start, its tests are skipped, and so are those of
-# Betaflight unless BETAFLIGHT_SITL is the path of its firmware.
+# Betaflight unless BETAFLIGHT_SITL is the path of its firmware. Ray gives up after 30 s, which a busy machine may need.
+START_RAY = timeout 120 $(@D)/bin/python -c "import ray; ray.init('local', num_cpus=1, include_dashboard=False)"
 .venv-ray/.installed: .venv/.installed
 	$(PYTHON) -m venv --without-pip $(@D)
 	$(@D)/bin/python -c 'import sysconfig as s; open(s.get_path("purelib") + "/main.pth", "w").write("import site; site.addsitedir(\"" + s.get_path("purelib").replace("$(@D)", ".venv") + "\")\n")'
 	$(@D)/bin/python -m pip install --quiet --constraint constraints.txt 'ray[client,tune]>=2.40' \
-		&& timeout 120 $(@D)/bin/python -c "import ray; ray.init('local', num_cpus=1, include_dashboard=False)" \
+		&& ($(START_RAY) || $(START_RAY)) \
 		|| $(@D)/bin/python -m pip uninstall --quiet --yes ray
 	touch $@

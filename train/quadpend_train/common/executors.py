@@ -168,7 +168,7 @@ class _Ray(Executor):
         options = {"log_to_driver": False, "logging_level": "ERROR", "ignore_reinit_error": True}
         try:
             ray.init(address, runtime_env={"env_vars": variables}, **options)
-        except (OSError, RuntimeError) as error:
+        except Exception as error:  # Ray raises plain ones, as where its start takes more than 30 s
             raise ValueError(f"there is no Ray cluster at {address}: {brief(error)}") from error
         self._task = ray.remote(max_retries=2)(_call_in_folder)
 
