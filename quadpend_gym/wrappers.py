@@ -37,6 +37,7 @@ from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.actuators import as_actuators
 from quadpend_gym.core.arrays import Booleans, Floats32
+from quadpend_gym.core.settings import plain
 from quadpend_gym.envs.spaces import observation_space
 from quadpend_gym.envs.world import world_of
 from quadpend_gym.randomization import as_ranges
@@ -232,6 +233,7 @@ class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], observations: int = 4, actions: int = 0) -> None:
+        observations, actions = plain(observations), plain(actions)
         RecordConstructorArgs.__init__(self, observations=observations, actions=actions)
         gym.Wrapper.__init__(self, env)
         self._histories = _Histories(1, observations, actions, env.observation_space, env.action_space)

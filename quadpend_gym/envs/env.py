@@ -1,11 +1,15 @@
 """The single environment: a `World` of one sub-environment behind the interface of `gymnasium.Env`."""
 
+import math
+import sys
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs import registration
 
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.core.settings import plain
 from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
@@ -51,8 +55,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     ## Observation Space
     `Box` of 36 finite numbers, float32, scaled by fixed constants to order one: tracking error and its rate, direction
     of the pendulum and its rate, attitude and its rates, the derivatives of order 2 to 6 of the reference, and the yaw
-    reference. The box has the bounds of float32: no others are certain for every wind and start, so `sample()` returns
-    numbers that no state has. `quadpend_gym.tasks.observation` has the table; `read_observation(observation, name)`
+    reference. The box is unbounded, because no bounds are certain for every wind and start; wrappers that need bounds
+    refuse it. `quadpend_gym.tasks.observation` has the table; `read_observation(observation, name)`
     returns one field in physical units. The observation does not contain the wind.
 
     ## Rewards
@@ -72,7 +76,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     ## Episode End
     The episode terminates if the pendulum is more than 60° from upright, the body tilts by more than 80°, the tracking
     error exceeds 3 m, the quadrotor or the bob touches the ground, or the state diverges. An early termination is also
-    called a fall. The episode is truncated after `duration`, 10 s by default, at any control period.
+    called a fall. The episode is truncated after `duration`, 10 s by default, at any control period. As with
+    Gymnasium's own environments, ``max_episode_steps`` of `gymnasium.make` replaces this limit, and −1 removes it.
 
     ## Arguments
     - `scenario`: a `quadpend_gym.Scenario`, its name (``"windy"``), a TOML file, or a mapping of its fields. The other
@@ -91,6 +96,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     """
 
     metadata: dict[str, Any] = _METADATA
+    _spec: registration.EnvSpec | None = None
 
     def __init__(self, scenario: Any = None, render_mode: str | None = None, **parts: Any) -> None:
         """Build the environment; the class documents the arguments."""
@@ -103,8 +109,28 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         self.observation_space = observation_space(self.scenario.observation_size)
         self.action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
         self._observed = 0, observed_columns(self.scenario)
-        self._steps = self.scenario.steps
+        self._steps: float = self.scenario.steps  # after which the environment truncates an episode
         self._seeded = False
+
+    @property
+    def spec(self) -> registration.EnvSpec | None:
+        """The specification; its ``max_episode_steps`` is the limit of steps that the environment itself sets."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: registration.EnvSpec | None) -> None:
+        # `gymnasium.make` sets the specification and then adds a TimeLimit. A longer limit than `duration`, or none,
+        # is possible only if the environment sets no limit, but `make` does not pass its argument on: read it there.
+        caller = sys._getframe(1)
+        if caller.f_code is registration.make.__code__:
+            limit = caller.f_locals["max_episode_steps"]
+            if limit is None:
+                limit = getattr(caller.f_locals.get("env_spec"), "max_episode_steps", None)
+            if limit is not None:
+                self._steps = math.inf
+            elif spec is not None:
+                spec.max_episode_steps = self.scenario.steps
+        self._spec = spec
 
     @property
     def state(self) -> State:
@@ -124,7 +150,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             The first observation and the info.
         """
         checked = read_reset_options(options, ("state", "reference"), 1, self.scenario)
-        super().reset(seed=seed)
+        super().reset(seed=plain(seed))
         if seed is not None or not self._seeded:
             self.world.seed(_ROW, [self.np_random_seed])
             self._seeded = True

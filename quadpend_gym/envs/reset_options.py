@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.settings import look_up
+from quadpend_gym.core.settings import look_up, plain
 from quadpend_gym.physics.euler_kernel import DIVERGENCE_LIMIT
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.scenarios.scenario import Scenario
@@ -40,17 +40,22 @@ def read_reset_options(
     references = _references(given.get("reference"), count)
     for item in dict.fromkeys(references):
         check_feasible(item, scenario.simulation, scenario.task.side)
-    state = {name: _field(name, value, count) for name, value in (given.get("state") or {}).items()}
-    return ResetOptions(state, references)
+    state = {} if given.get("state") is None else given["state"]
+    if not isinstance(state, Mapping):
+        raise ValueError(f"options['state'] must be a mapping of fields of the state, not {plain(state)!r}")
+    return ResetOptions({name: _field(name, value, count) for name, value in state.items()}, references)
 
 
 def _field(name: str, value: Any, count: int) -> Floats:
     look_up(STATE_FIELDS, name, "field of the state")
-    array = np.asarray(value, np.float64)
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError):  # text, or rows of different lengths
+        array = np.empty(0)
     if array.shape not in {(3,), (count, 3)} or not (np.abs(array) < DIVERGENCE_LIMIT).all():
         raise ValueError(
             f"options['state'][{name!r}] must be numbers between ±{DIVERGENCE_LIMIT:g} of shape (3,) or ({count}, 3),"
-            f" not {array.tolist()}"
+            f" not {plain(value)!r}"
         )
     if name == "direction" and (np.linalg.norm(array, axis=-1) < _SHORTEST_DIRECTION).any():
         raise ValueError(f"options['state']['direction'] must not be zero, not {array.tolist()}")

@@ -1,5 +1,6 @@
 """The vector environment: a `World` of many sub-environments behind the interface of `gymnasium.vector.VectorEnv`."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
+from quadpend_gym.core.settings import plain
 from quadpend_gym.envs.env import frames_per_second
 from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
@@ -32,7 +34,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
     Args:
         num_envs: Number of sub-environments.
         scenario: As in `QuadPendulumEnv`.
-        max_episode_steps: Control steps after which an episode is truncated; None: the duration of the scenario.
+        max_episode_steps: Control steps after which an episode is truncated; None: the duration of the scenario;
+            −1: never.
         autoreset_mode: An `AutoresetMode` or its value: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``. Only with
             the value, which is a string, can the specification be converted to JSON.
         render_mode: As in `QuadPendulumEnv`. With ``"rgb_array"`` the method `render` returns a tuple of one array for
@@ -59,16 +62,20 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         """Build the environment; the class documents the arguments."""
         check_render_mode(render_mode, self.metadata["render_modes"])
         self.scenario = as_scenario(scenario, **parts)
-        self.num_envs, self.num_threads = num_envs, num_threads
-        self.max_episode_steps = self.scenario.steps if max_episode_steps is None else max_episode_steps
-        for name in ("num_envs", "max_episode_steps", "num_threads"):
-            if not isinstance(number := getattr(self, name), int) or number < 1:
-                raise ValueError(f"{name} must be a whole number of at least 1, not {number!r}")
+        self.num_envs = num_envs = _whole_number("num_envs", num_envs)
+        self.num_threads = _whole_number("num_threads", num_threads)
+        self.max_episode_steps: float = self.scenario.steps
+        if max_episode_steps is not None:
+            no_limit = plain(max_episode_steps) == -1
+            more = ", or -1 for no limit"
+            self.max_episode_steps = (
+                math.inf if no_limit else _whole_number("max_episode_steps", max_episode_steps, more)
+            )
         self.render_mode = render_mode
         self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
         fps = frames_per_second(self.scenario)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode, "render_fps": fps}
-        self.world = World(num_envs, self.scenario, num_threads)
+        self.world = World(num_envs, self.scenario, self.num_threads)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
         self.single_observation_space = observation_space(self.scenario.observation_size)
         self.single_action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
@@ -225,6 +232,14 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         info["reward_terms"] = {**terms, **{f"_{name}": mask for name in terms}}
         arrays = {name: value if name == "reward_terms" else value.T for name, value in info.items()}
         return {**arrays, **{f"_{name}": mask for name in arrays}}
+
+
+def _whole_number(name: str, value: Any, more: str = "") -> int:
+    """Return a positive integer, of Python or NumPy, as one of Python; `more` is accepted, for the error message."""
+    number = plain(value)
+    if type(number) is not int or number < 1:
+        raise ValueError(f"{name} must be a whole number of at least 1{more}, not {value!r}")
+    return number
 
 
 def _as_autoreset_mode(value: Any) -> AutoresetMode:

@@ -18,6 +18,8 @@ BAD_OPTIONS: dict[str, tuple[Any, str]] = {
     "nan": ({"state": {"velocity": (0, NAN, 0)}}, "'velocity'.* numbers between .* nan"),
     "zero direction": ({"state": {"direction": (0, 0, 0)}}, "'direction'.* zero"),
     "bad after good": ({"state": {"position": (9, 9, 9), "euler": NAN}}, "'euler'"),
+    "text": ({"state": {"position": "high"}}, "'position'.* not 'high'"),
+    "not a mapping": ({"state": np.zeros(18)}, "'state'.* must be a mapping"),
     "reference": ({"reference": "circle"}, "reference must be"),
 }
 BAD_MASKS: dict[str, tuple[Any, str]] = {

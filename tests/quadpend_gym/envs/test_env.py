@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as check_with_gymnasium
+from gymnasium.wrappers import RescaleObservation
 from numpy.testing import assert_allclose, assert_array_equal
 from stable_baselines3.common.env_checker import check_env as check_with_sb3
 
@@ -41,6 +42,11 @@ ROD = PAPER.rod_length
 @pytest.mark.parametrize("check", [check_with_gymnasium, check_with_sb3])
 def test_environment_checkers_give_no_warning(check: Callable[[Any], None], name: str, wind: Any) -> None:
     check(gym.make(name, wind=wind).unwrapped)
+
+
+def test_wrappers_that_need_bounds_of_the_observation_refuse_it() -> None:
+    with pytest.raises(ValueError, match="unbounded"):
+        RescaleObservation(make(), -1.0, 1.0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("wind", [None, WINDY], ids=["calm", "windy"])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecMonitor
 
 from quadpend_gym import OrnsteinUhlenbeck, QuadPendulumVectorEnv
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
@@ -68,6 +68,44 @@ def test_options_and_seeds_apply_to_one_reset() -> None:
     np.testing.assert_array_equal(inner.state.position, [[1.0, 2.0, 3.0]] * 2)
     env.reset()
     assert not np.any(inner.state.position == [1.0, 2.0, 3.0])
+
+
+def test_each_row_has_its_own_options_as_in_dummy_vec_env() -> None:
+    rows: list[dict[str, Any]] = [{"state": {"position": (1.0, 0.0, 2.0)}}, {}, {"state": {"euler": (0.1, 0.0, 0.0)}}]
+    reference = DummyVecEnv([make_monitored] * NUM_ENVS)
+    env = SB3VecEnv(QuadPendulumVectorEnv(NUM_ENVS, wind=OrnsteinUhlenbeck(), autoreset_mode="SameStep"))
+    for wrapped in (reference, env):
+        wrapped.seed(5), wrapped.set_options(rows)
+    action = np.zeros((NUM_ENVS, 4), np.float32)
+    for _ in range(2):  # seeds and options apply to the first reset only
+        np.testing.assert_array_equal(reference.reset(), env.reset())
+        np.testing.assert_array_equal(reference.step(action)[0], env.step(action)[0])
+        assert [info.keys() for info in reference.reset_infos] == [info.keys() for info in env.reset_infos]
+    env.set_options(rows[:2])
+    with pytest.raises(ValueError, match="options must be one mapping or 3 mappings, not 2"):
+        env.reset()
+
+
+def test_the_info_of_an_ended_episode_is_that_of_dummy_vec_env() -> None:
+    plain = DummyVecEnv([lambda: gym.make("quadpend_gym:QuadPendulum-v0", max_episode_steps=3)])
+    inner = QuadPendulumVectorEnv(1, max_episode_steps=3, autoreset_mode="SameStep")
+    env = VecFrameStack(VecMonitor(SB3VecEnv(inner), info_keywords=("tilt", "reward_terms")), 2)
+    plain.seed(0), env.seed(0)
+    plain.reset(), env.reset()
+    for _ in range(3):
+        expected, given = (wrapped.step(np.zeros((1, 4), np.float32))[3][0] for wrapped in (plain, env))
+    assert given.keys() == {*expected, "episode"}
+    assert given["reward_terms"] == expected["reward_terms"] == given["episode"]["reward_terms"]
+    assert given["tilt"] == expected["tilt"] == given["episode"]["tilt"]
+
+
+def test_what_has_no_value_for_one_row_is_refused_for_some_rows() -> None:
+    env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
+    for call in (lambda: env.set_attr("mine", 1, 0), lambda: env.env_method("render", indices=[1])):
+        with pytest.raises(ValueError, match="indices must be None or all"):
+            call()
+    with pytest.raises(IndexError):
+        env.get_attr("num_envs", 2)
 
 
 def test_means_cover_all_sub_environments_and_the_steps_since_the_last_call() -> None:

@@ -13,7 +13,8 @@ from stable_baselines3.common.vec_env import VecEnv
 class SB3VecEnv(VecEnv):
     """A Gymnasium vector environment with the interface of Stable-Baselines3.
 
-    When an episode ends, ``info["episode"]`` has its return, length and time, as from Stable-Baselines3's `Monitor`.
+    When an episode ends, the info of its sub-environment has the values of the last step and, in ``info["episode"]``,
+    return, length and time, as from Stable-Baselines3's `Monitor`; at other steps the infos are empty.
 
     Args:
         env: A vector environment whose ``metadata["autoreset_mode"]`` is `AutoresetMode.SAME_STEP`.
@@ -36,8 +37,21 @@ class SB3VecEnv(VecEnv):
 
     def reset(self) -> Any:
         """Reset every sub-environment with the seeds and options set by `seed` and `set_options`."""
-        seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
-        observation, _ = self.env.reset(seed=seeds, options=self._options[0] or None)  # type: ignore[arg-type]
+        if len(self._options) != self.num_envs:
+            raise ValueError(f"options must be one mapping or {self.num_envs} mappings, not {len(self._options)}")
+        seeds: Any = None if all(seed is None for seed in self._seeds) else list(self._seeds)
+        groups: dict[int, list[int]] = {}  # rows with the same mapping, or without options
+        for row, options in enumerate(self._options):
+            groups.setdefault(id(options) if options else 0, []).append(row)
+        for rows in groups.values():
+            options = dict(self._options[rows[0]] or {})
+            mask = np.zeros(self.num_envs, np.bool_)
+            mask[rows] = True
+            if len(groups) > 1:
+                options["reset_mask"] = mask
+            observation, info = self.env.reset(seed=seeds, options=options or None)
+            for row in rows:
+                self.reset_infos[row] = _info_of(row, info)
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
@@ -56,8 +70,8 @@ class SB3VecEnv(VecEnv):
     def step_wait(self) -> tuple[Any, Any, Any, list[dict[str, Any]]]:
         """Step every sub-environment.
 
-        Where an episode ended, the observation is the first of the next episode and the info has
-        ``terminal_observation``, ``TimeLimit.truncated`` and ``episode``; elsewhere the info is empty.
+        Where an episode ended, the observation is the first of the next episode and the info has the values of the last
+        step, ``terminal_observation``, ``TimeLimit.truncated`` and ``episode``; elsewhere the info is empty.
         """
         observation, reward, terminated, truncated, vector_info = self.env.step(self._actions)
         self._steps += 1
@@ -70,9 +84,13 @@ class SB3VecEnv(VecEnv):
         self._lengths += 1
         ended = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        begun = {**vector_info}  # the first values of the next episodes, where there are any
+        last, final_info = begun.pop("final_obs", None), begun.pop("final_info", {})
         for index in np.flatnonzero(ended):
+            self.reset_infos[index] = _info_of(index, begun)
             infos[index] = {
-                "terminal_observation": vector_info["final_obs"][index],
+                **_info_of(index, final_info),
+                "terminal_observation": last[index],
                 "TimeLimit.truncated": bool(truncated[index] and not terminated[index]),
                 "episode": {
                     "r": float(self._returns[index]),
@@ -103,18 +121,34 @@ class SB3VecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return the vector environment's attribute, once for each of `indices`."""
-        return [getattr(self.env, attr_name)] * len([*self._get_indices(indices)])
+        return [getattr(self.env, attr_name)] * len(self._rows(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set the vector environment's attribute, which has one value for all sub-environments."""
-        if len([*self._get_indices(indices)]) != self.num_envs:
-            raise ValueError(f"indices must be None or all sub-environments to set {attr_name}, not {indices}")
+        self._check_all(indices, f"to set {attr_name}")
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call the vector environment's method once and return its result once for each of `indices`."""
-        return [getattr(self.env, method_name)(*args, **kwargs)] * len([*self._get_indices(indices)])
+        """Call the vector environment's method once and return its result once for each sub-environment."""
+        self._check_all(indices, f"to call {method_name}")
+        return [getattr(self.env, method_name)(*args, **kwargs)] * self.num_envs
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Return True for Stable-Baselines3's `Monitor`, because this class provides the same episode statistics."""
-        return [wrapper_class is Monitor] * len([*self._get_indices(indices)])
+        return [wrapper_class is Monitor] * len(self._rows(indices))
+
+    def _rows(self, indices: Any) -> Any:
+        return np.arange(self.num_envs)[[*self._get_indices(indices)]]
+
+    def _check_all(self, indices: Any, purpose: str) -> None:
+        if {*self._rows(indices)} != {*range(self.num_envs)}:
+            raise ValueError(f"indices must be None or all sub-environments {purpose}, not {indices}")
+
+
+def _info_of(row: Any, info: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of one sub-environment in the info of a vector environment, where its masks are true."""
+    return {
+        name: _info_of(row, value) if isinstance(value, dict) else value[row]
+        for name, value in info.items()
+        if name[0] != "_" and (f"_{name}" not in info or info[f"_{name}"][row])
+    }
