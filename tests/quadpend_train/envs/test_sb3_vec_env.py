@@ -86,6 +86,7 @@ def test_each_row_has_its_own_options_as_in_dummy_vec_env() -> None:
         env.reset()
 
 
+@pytest.mark.filterwarnings("ignore:The environment is already wrapped with a `Monitor`")
 def test_the_info_of_an_ended_episode_is_that_of_dummy_vec_env() -> None:
     plain = DummyVecEnv([lambda: gym.make("quadpend_gym:QuadPendulum-v0", max_episode_steps=3)])
     inner = QuadPendulumVectorEnv(1, max_episode_steps=3, autoreset_mode="SameStep")

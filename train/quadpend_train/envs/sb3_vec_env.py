@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -146,9 +147,9 @@ class SB3VecEnv(VecEnv):
 
 
 def _info_of(row: Any, info: dict[str, Any]) -> dict[str, Any]:
-    """Return the values of one sub-environment in the info of a vector environment, where its masks are true."""
+    """Return copies of the values of one row of the info of a vector environment, where its masks are true."""
     return {
-        name: _info_of(row, value) if isinstance(value, dict) else value[row]
+        name: _info_of(row, value) if isinstance(value, dict) else copy(value[row])  # a view would keep the whole array
         for name, value in info.items()
         if name[0] != "_" and (f"_{name}" not in info or info[f"_{name}"][row])
     }
