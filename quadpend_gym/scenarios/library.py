@@ -24,8 +24,8 @@ __all__ = [
     "refuse_held_out",
 ]
 
-# The sets whose scenarios are for results only, except those in a set for training; of other tasks, only seeds are.
-HELD_OUT = ("test", "test-hummingbird", "as-flown", "flight", "recovery-flight")
+# Sets and scenarios for results only, except what is also in a set for training; of other tasks, only seeds are.
+HELD_OUT = ("test", "test-hummingbird", "as-flown", "flight", "recovery-flight", "flight_onset", "flight_unknown")
 _DISTURBANCES = "task", "sensors", "actuators", "parameters", "loop", "latency", "wind_rise", "output_feedback"
 
 
@@ -157,7 +157,7 @@ def refuse_held_out(names: Iterable[str | Scenario]) -> None:
     Names, files and vehicles do not matter, only what disturbs the flight: the fields `_DISTURBANCES` and the wind.
     """
     training = {member for name, members in SETS.items() if name.startswith("training") for member in members}
-    held_out = [SCENARIOS[member] for name in HELD_OUT for member in SETS[name] if member not in training]
+    held_out = [SCENARIOS[member] for name in HELD_OUT for member in SETS.get(name, (name,)) if member not in training]
     for name in names:
         for scenario in find_scenarios([name]).values():
             if found := [item.name for item in held_out if _disturbs_alike(scenario, item)]:

@@ -150,8 +150,8 @@ def export(
         to: npz; c for microcontrollers, with the observer and golden vectors; or onnx for the network alone.
         out: File to write; the default has the name of the policy.
         scenario: Scenario for whose vehicle, interface, control period and latency C is written.
-        vec_normalize: File (.pkl) saved by VecNormalize, if the model was trained with it. The default is a file
-            vecnormalize.pkl beside the model. Loading it executes code that it contains.
+        vec_normalize: File (.pkl) saved by VecNormalize, if the model was trained with it. The default is the one with
+            a usual name beside the model. Loading it executes code that it contains.
     """
     from quadpend_train.policies.loading import load_policy
 

@@ -96,9 +96,7 @@ def policy_file(name: str) -> Path:
     if not path.is_file():
         path = SHIPPED / f"{name}.npz"
     if not path.is_file() and ("/" in name or Path(name).suffix):
-        raise ValueError(
-            f"there is no policy file {name!r}, and no folder with one: download a model of Hugging Face to a folder"
-        )
+        raise ValueError(f"there is no policy {name!r}: give a file or a folder on this machine, also of Hugging Face")
     if not path.is_file():
         known = [*CONTROLLERS, *shipped_policies()]
         raise ValueError(
