@@ -137,5 +137,6 @@ def check_policy(name: str, policy: Policy, scenario_name: str, scenario: Scenar
             observation, *_ = env.step(action)
     except Exception as error:  # own code may raise exceptions of any type
         what = str(error) if isinstance(error, ValueError) else describe_error(error)
-        rule = f"; {PROTOCOL}" if isinstance(policy, FactoryPolicy | ObjectPolicy) and PROTOCOL not in what else ""
+        is_own = isinstance(policy, FactoryPolicy | ObjectPolicy) and card is None
+        rule = f"; {PROTOCOL}" if is_own and PROTOCOL not in what else ""
         raise ValueError(f"{name} does not fit the scenario {scenario_name}: {what}{rule}") from error
