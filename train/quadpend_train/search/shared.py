@@ -1,9 +1,10 @@
 """Searches with Optuna that continue, and that any number of processes share through a storage.
 
 Every process takes the next trial until the storage has enough finished ones. If it is killed, its running trial is
-lost.
+lost. The lock of a journal is one of the operating system, which a killed process leaves unlocked.
 """
 
+import signal
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import optuna
+from filelock import FileLock
 from optuna.distributions import BaseDistribution
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
@@ -41,11 +43,11 @@ def open_study(
     """
     with quiet():
         try:
-            if "://" not in storage:
-                Path(storage).parent.mkdir(parents=True, exist_ok=True)
-            opened = storage if "://" in storage else JournalStorage(JournalFileBackend(storage))
             study = optuna.create_study(
-                study_name=name, storage=opened, pruner=pruner or optuna.pruners.NopPruner(), load_if_exists=True
+                study_name=name,
+                storage=storage if "://" in storage else _journal(Path(storage).resolve()),
+                pruner=pruner or optuna.pruners.NopPruner(),
+                load_if_exists=True,
             )
         except Exception as error:  # the database and its driver raise exceptions of many types
             shown = storage.partition("://")[0] + "://…" if "://" in storage else storage  # a URL may have a password
@@ -54,6 +56,29 @@ def open_study(
         if all(trial.state == TrialState.FAIL for trial in study.trials):
             study.enqueue_trial(dict(start))
     return study
+
+
+def _journal(file: Path) -> JournalStorage:
+    """Return the storage of a file, whose lock another process may hold for at most a minute."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    lock: Any = FileLock(file.with_name(f"{file.name}.filelock"), timeout=60.0)
+    return JournalStorage(JournalFileBackend(str(file), lock))
+
+
+@contextmanager
+def signals_wait() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM wait until the end of the block, so that file and memory of a storage stay the same."""
+    received: list[int] = []
+    handlers = {}
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handlers[number] = signal.signal(number, lambda number, _: received.append(number))
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for waited in received:
+            signal.raise_signal(waited)
 
 
 def finished(study: optuna.Study) -> list[FrozenTrial]:
@@ -72,14 +97,17 @@ def run_trials(
     with quiet(), tqdm(total=trials, unit="trial", disable=not progress) as bar:
         while (count := len(finished(study))) < trials:
             bar.update(count - bar.n)
-            trial = study.ask(dict(space))
+            trial, value, state = None, None, TrialState.FAIL
             try:
-                study.tell(trial, objective(trial))
+                with signals_wait():
+                    trial = study.ask(dict(space))
+                value, state = objective(trial), TrialState.COMPLETE
             except optuna.TrialPruned:
-                study.tell(trial, state=TrialState.PRUNED)
-            except BaseException:
-                study.tell(trial, state=TrialState.FAIL)
-                raise
+                state = TrialState.PRUNED
+            finally:
+                if trial is not None:
+                    with signals_wait():
+                        study.tell(trial, value, state)
         bar.update(trials - bar.n)
 
 

@@ -33,7 +33,7 @@ from quadpend_train.common.executors import run as run_calls
 from quadpend_train.common.files import write_text
 from quadpend_train.common.text import brief
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.search.shared import SPACES, Space, finished, flat, open_study, run_trials
+from quadpend_train.search.shared import SPACES, Space, finished, flat, open_study, run_trials, signals_wait
 from quadpend_train.training.callbacks import RolloutCallback
 from quadpend_train.training.settings import TrainSettings, to_mapping, with_values
 from quadpend_train.training.train import POLICY, train
@@ -154,7 +154,8 @@ def _score(sweep: Sweep, trial: optuna.Trial) -> float:
         settings = proposed(sweep.trial_start, trial.params)
         path = train(settings, run, progress=False, callbacks=[_Reporting(trial, sweep.seconds)])
     except (ValueError, FloatingPointError) as error:  # the settings contradict each other, or training diverged
-        trial.set_user_attr("reason", brief(error))
+        with signals_wait():
+            trial.set_user_attr("reason", brief(error))
         raise optuna.TrialPruned(brief(error)) from error
     finally:
         if not (run / POLICY).exists():
@@ -172,6 +173,7 @@ class _Reporting(RolloutCallback):
         super().__init__()
         self.trial, self.seconds, self.reported = trial, seconds, -1
 
+    @signals_wait()
     def _on_rollout_start(self) -> None:
         scores: Any = self.model.scores  # type: ignore[attr-defined]  # of `EvaluationCallback`
         now = int(MOMENTS * scores[-1].seconds / self.seconds) if scores else -1
