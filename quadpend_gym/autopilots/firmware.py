@@ -7,7 +7,6 @@ with a fork of it, so all begin in the same state.
 
 import hashlib
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.c_library import c_compiler, cache_folder, run_compiler
 
 _SHIM = Path(__file__).with_name("lockstep.c")
 _SHARED = "lockstep.so"
@@ -78,14 +78,14 @@ def prepare(binary: str | None, lines: tuple[str, ...]) -> tuple[Path, Path]:
     path = find_binary(binary)
     parts = [path.read_bytes(), _SHIM.read_bytes(), "\n".join(lines).encode()]
     name = hashlib.sha256(b"\0".join(parts)).hexdigest()[:32]
-    folder = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "quadpend_gym" / "betaflight" / name
+    folder = cache_folder() / "betaflight" / name
     if folder.exists():
         return path, folder
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent) as unfinished:
         made = Path(unfinished) / name
         made.mkdir()
-        _compile_shim(made / _SHARED)
+        run_compiler([*c_compiler(), "-O2", "-shared", "-fPIC", "-o", str(made / _SHARED), str(_SHIM), "-ldl"])
         _configure(path, made, lines)
         try:
             made.rename(folder)
@@ -93,16 +93,6 @@ def prepare(binary: str | None, lines: tuple[str, ...]) -> tuple[Path, Path]:
             if not folder.exists():  # another process was not first
                 raise
     return path, folder
-
-
-def _compile_shim(library: Path) -> None:
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    if compiler is None:
-        raise OSError("Betaflight in lockstep needs a C compiler: install gcc")
-    command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(library), str(_SHIM), "-ldl"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    if result.returncode:
-        raise OSError(f"{_SHIM} does not compile: {result.stderr.strip()}")
 
 
 def _start(binary: Path, folder: Path, *variables: str) -> tuple[subprocess.Popen[bytes], socket.socket]:

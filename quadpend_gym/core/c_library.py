@@ -4,35 +4,69 @@ The library stands in the user's cache folder under the hash of its source, so t
 it within milliseconds. ``XDG_CACHE_HOME`` changes the folder, ``CC`` the compiler.
 """
 
+import ctypes
 import os
+import shlex
 import subprocess
-import tempfile
+from contextlib import suppress
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from shutil import which
+from tempfile import TemporaryDirectory
 
 # No contraction of products and sums, so that the numbers are CasADi's to the last bit. No other library replaces the
 # functions of this one, so the compiler may inline them, which saves a tenth of the time; nobody reads errno.
 _FLAGS = ("-O2", "-ffp-contract=off", "-fno-semantic-interposition", "-fno-math-errno", "-fPIC", "-shared")
 
 
-def compile_c(source: str) -> Path:
+def load_c(source: str) -> ctypes.CDLL:
     """Return the library of a C source, from the cache or new.
 
     Raises:
-        RuntimeError: There is no C compiler.
+        OSError: There is no C compiler, or it fails.
     """
-    compiler = os.environ.get("CC", "cc")
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "quadpend_gym"
-    library = folder / f"{sha256(' '.join((compiler, *_FLAGS, source)).encode()).hexdigest()[:24]}.so"
+    command = [*c_compiler(), *_FLAGS]
+    folder = cache_folder()
+    library = folder / f"{sha256(' '.join((*command, source)).encode()).hexdigest()[:24]}.so"
     if library.exists():
-        return library
-    if which(compiler) is None:
-        raise RuntimeError(f"C sources need a C compiler, and there is no {compiler!r}: install gcc, or set CC")
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as name:
+        with suppress(OSError):  # the file is damaged
+            return ctypes.CDLL(str(library))
+    with TemporaryDirectory(dir=folder) as name:
         file, new = Path(name, "generated.c"), Path(name, "generated.so")
         file.write_text(source, encoding="utf-8")
-        subprocess.run([compiler, *_FLAGS, "-o", str(new), str(file), "-lm"], check=True)
+        run_compiler([*command, "-o", str(new), str(file), "-lm"])
         os.replace(new, library)
-    return library
+    return ctypes.CDLL(str(library))
+
+
+def c_compiler() -> list[str]:
+    """Return the command of the C compiler: ``CC`` with its arguments, or else the first that is installed."""
+    given = os.environ.get("CC") or next(filter(which, ("cc", "gcc", "clang")), "cc")
+    command = [given] if which(given) else shlex.split(given)
+    if not command or which(command[0]) is None:
+        raise OSError(f"C sources need a C compiler, and there is no {given!r}: install gcc, or set CC")
+    return command
+
+
+def run_compiler(command: list[str]) -> None:
+    """Compile, and raise an OSError with the compiler's message if it fails."""
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    if done.returncode:
+        raise OSError(f"the C compiler fails: {shlex.join(command)}: {done.stderr.strip()}")
+
+
+def cache_folder() -> Path:
+    """Return the folder for what is compiled: in the user's cache, or temporary if that cannot be written."""
+    with suppress(OSError, RuntimeError):  # RuntimeError: there is no home
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "quadpend_gym"
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    return Path(_temporary_folder().name)
+
+
+@cache
+def _temporary_folder() -> "TemporaryDirectory[str]":
+    """Return a folder that is deleted at the end of the process."""
+    return TemporaryDirectory(prefix="quadpend_gym_")

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.c_library import compile_c
+from quadpend_gym.core.c_library import load_c
 
 _NAME = "quadpend_generated"
 _ROWS = """
@@ -55,7 +55,7 @@ class CompiledFunction:
 
     @cached_property
     def _rows(self) -> Any:
-        return ctypes.CDLL(str(compile_c(self.source))).rows
+        return load_c(self.source).rows
 
     def __call__(self, *arguments: Floats) -> tuple[Floats, ...]:
         """Return the results of n rows, each of shape (n, size).

@@ -68,5 +68,5 @@ def test_one_sentence_says_that_a_compiler_is_missing(monkeypatch: pytest.Monkey
     monkeypatch.setenv("CC", "no-such-compiler")
     simulation = Simulation()
     x = Inputs(simulation, 1)
-    with pytest.raises(RuntimeError, match="C sources need a C compiler"):
+    with pytest.raises(OSError, match="C sources need a C compiler"):
         engines.CompiledFunction(engines.step_function(simulation))(*x.of_step())

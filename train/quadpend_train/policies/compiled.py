@@ -15,7 +15,7 @@ from quadpend_baselines.estimation.estimator import measurement_from_observation
 from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym import read_observation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
-from quadpend_gym.core.c_library import compile_c
+from quadpend_gym.core.c_library import load_c
 from quadpend_gym.physics.state import State
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
@@ -86,7 +86,7 @@ class CPolicy(Policy):
 
     @cached_property
     def _library(self) -> Any:
-        return ctypes.CDLL(str(compile_c(self.source)))
+        return load_c(self.source)
 
     def adapt(self, scenario: Scenario) -> "CPolicy":
         """Return the policy for a scenario with the period and the interface for which the file was written."""
