@@ -164,3 +164,20 @@ def test_a_run_is_trained_resumed_and_compared_by_the_commands_that_are_printed(
     main(["train", *options, "--max-seconds", "1e-3", "--out", "other"])
     command = "quadpend evaluate flatness mine=other --scenarios hummingbird_learning --vehicle mine.toml"
     assert capsys.readouterr().out.endswith(f": {command}\n")
+
+
+def test_a_pipe_that_cannot_encode_a_character_gets_another_one() -> None:
+    program = f"""if True:
+        import subprocess, sys
+        from quadpend_train.cli.main import main
+        for options in (["list"], ["card", "lqg"], ["train", "--help"]):
+            sys.argv = ["quadpend", *options]
+            try:
+                main()
+            except SystemExit as end:
+                assert not end.code
+        subprocess.run([sys.executable, "-c", "print('{chr(0x3C3)}')"], check=True)"""
+    variables = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run([sys.executable, "-c", program], env=variables, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith(b"\n?\n")

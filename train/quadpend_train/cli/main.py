@@ -3,6 +3,7 @@
 This module imports no library at module level, so that `quadpend --help` starts at once.
 """
 
+import io
 import os
 import signal
 import sys
@@ -92,6 +93,7 @@ def main(arguments: list[str] | None = None) -> None:
         for number in _SIGNALS:
             signal.signal(number, _interrupt)
         sys.unraisablehook = _interrupt_again
+        _replace_unknown_characters()
     given = sys.argv[1:] if arguments is None else arguments
     command = [argument for argument in given if argument != _TRACEBACK]
     try:
@@ -113,6 +115,14 @@ def main(arguments: list[str] | None = None) -> None:
             traceback.print_exc()
         print(f"quadpend: {sentence}", file=sys.stderr)
         sys.exit(1 if type(error).__name__ == "CallsFailedError" else 2)
+
+
+def _replace_unknown_characters() -> None:
+    """Let this process and those that it starts print "?" for what the terminal or the pipe cannot encode."""
+    os.environ["PYTHONIOENCODING"] = os.environ.get("PYTHONIOENCODING", "").partition(":")[0] + ":replace"
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def _interrupt(number: int, _: Any) -> None:
