@@ -1,5 +1,6 @@
 """Training runs are recorded, can be repeated, and end with a reason when they fail."""
 
+import inspect
 import json
 from dataclasses import replace
 from itertools import pairwise
@@ -13,8 +14,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from quadpend_gym import RewardWeights
-from quadpend_train.evaluation.episodes import TEST_SEED, VALIDATION_SEED
+from quadpend_train.cli.evaluation import evaluate
+from quadpend_train.evaluation.comparison import compare
+from quadpend_train.evaluation.delay_budget import delay_budget
+from quadpend_train.evaluation.episodes import TEST_SEED, TUNING_SEED, VALIDATION_SEED, run_episodes
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, weight_difference
+from quadpend_train.reports import report
+from quadpend_train.search.tuning import SCORE_SEED
 from quadpend_train.training import callbacks, dagger
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import make_model
@@ -22,6 +28,7 @@ from quadpend_train.training.callbacks import first_seed, validate
 from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings, from_mapping, read_settings
+from quadpend_train.training.train import CARD_SEED
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.training import (
     BRIEF,
@@ -170,6 +177,14 @@ def test_runs_and_evaluations_share_no_episode() -> None:
     largest = 2**31  # more than the seeds that a run uses
     assert all(after - before > largest for before, after in pairwise(blocks))
     assert blocks[0] > max(TEST_SEED, VALIDATION_SEED) + largest
+
+
+def test_the_default_episodes_of_evaluations_have_selected_nothing() -> None:
+    for function in (run_episodes, compare, delay_budget, report.evaluate, evaluate):
+        assert inspect.signature(function).parameters["seed"].default == TEST_SEED
+    starts = sorted([TEST_SEED, TUNING_SEED, SCORE_SEED, VALIDATION_SEED, CARD_SEED])
+    assert starts[0] == TEST_SEED
+    assert starts[1] - TEST_SEED > 100_000  # the most episodes of an evaluation
 
 
 def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
