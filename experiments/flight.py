@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.flight_cells import cell_table, errors_of, front_figure, scenario_figure
-from experiments.pages import CACHE, DOCS, README, fill, made_by, options, write_sample
+from experiments.pages import CACHE, DOCS, README, fill, made_by, options
 from quadpend_baselines.gains import HUMMINGBIRD_TUNED
 from quadpend_gym.scenarios import SCENARIOS, find_scenarios
 from quadpend_train.common.executors import run
@@ -138,7 +138,6 @@ def main() -> None:
     figures.write_png(scenario_figure(table), given.out / "scenarios.png")
     if page == published:
         parts["slow"] = slow_table(found, given.seed, given.jobs)
-        write_sample(FOLDER / "sample.csv", found.table[found.table["rmse"] < 0.5])  # others are chaotic
         shown = rows[:5] + [row for row in rows[5:] if row[1] == "adrc-paper"]
         short = [[row[i] for i in (0, 1, 2, 4, -1, -3)] for row in shown]  # survival, error, extra delay, call
         fill(README, {"flight": markdown_table(short[0], short[1:])})

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TEST_SEED
@@ -17,7 +16,6 @@ from quadpend_train.reports import figures
 README = Path(__file__).parents[1] / "README.md"
 DOCS = README.parent / "docs"
 CACHE = Path("results/cache")
-SAMPLED = 3  # episodes of a cell in a sample, which a test flies again
 
 
 def options(
@@ -52,13 +50,6 @@ def fill(path: Path, parts: Mapping[str, str]) -> None:
 def made_by(experiment: str, episodes: int, seed: int) -> str:
     """Return the line above a table: the command, the number of episodes and the seed of the first one."""
     return f"`python -m experiments.{experiment}`: {episodes} episodes in each scenario, seeds from {seed}."
-
-
-def write_sample(path: Path, table: pd.DataFrame) -> None:
-    """Write the first episodes of each policy in each scenario, of a learner those of the first training seed."""
-    columns = ["scenario", "policy", "episode", "survived", "steps", "rmse", "settled_rmse", "largest_tilt", "effort"]
-    first = table[(table["training_seed"] == 0) & (table["episode"] < SAMPLED)]
-    write_text(path, first[columns].to_csv(index=False, lineterminator="\n"))
 
 
 def with_survival(number: str, summary: Mapping[str, Interval]) -> str:

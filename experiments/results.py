@@ -2,16 +2,15 @@
 
     python -m experiments.results --jobs 2      # 200 episodes in each scenario, seeds from 1000000; half an hour
 
-It also writes docs/results/ (tables, figures, report.html), docs/hover/, and docs/results/sample.csv: three episodes of
-each policy in each scenario, which a test flies again. `python -m experiments.demo` trains for a minute,
-`experiments.learning`, `situation`, `ablations` and `bound` make the other parts.
+It also writes docs/results/ (tables, figures, report.html) and docs/hover/. `python -m experiments.demo` trains for a
+minute, `experiments.learning`, `situation`, `ablations`, `bound` and `samples` make the other parts.
 """
 
 import shutil
 from pathlib import Path
 
 from experiments import bound
-from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival, write_sample
+from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
 from quadpend_baselines.gains import TUNED
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_number, markdown_table
@@ -71,7 +70,6 @@ def main() -> None:
     report.write(hover, leaderboard(hover.table), DOCS / "hover")
     for folder in (DOCS / "results", DOCS / "hover"):  # too large for the repository
         shutil.move(folder / "episodes.csv", Path("results") / f"{folder.name}_episodes.csv")
-    write_sample(DOCS / "results/sample.csv", comparison.table)
 
 
 if __name__ == "__main__":
