@@ -1,6 +1,6 @@
 """docs/results/sample.csv and docs/flight/sample.csv: episodes of the published tables, which a test flies again.
 
-    python -m experiments.samples      # three episodes of each policy in each scenario, seeds from 1000000; 5 minutes
+    python -m experiments.samples      # three episodes of each policy in each scenario, seeds from 1000000; 4 minutes
 
 Processors round differently, and some flights amplify that. So each episode is flown twice, the second time from a
 start that is 1 nm away. ``moved`` is the largest relative change that this causes in the values of the episode. An
@@ -21,7 +21,7 @@ from quadpend_train.policies.loading import load_policies
 PAGES = {"results": ((*results.LEARNED, *results.CLASSICAL), "test"), "flight": (flight.POLICIES, "flight")}
 SLOW = {"mppi": "storm"}  # policies that take long, and the scenario that they fly
 EPISODES, MOVE = 3, 1e-9  # m, the distance of the two starts
-ROUNDING, AMPLIFICATION, LARGEST = 1e-6, 100.0, 0.01  # relative tolerance: the sum of two parts, and its upper limit
+ROUNDING, AMPLIFICATION, LARGEST = 1e-6, 300.0, 0.01  # relative tolerance: the sum of two parts, and its upper limit
 VALUES = ["steps", "rmse", "settled_rmse", "largest_tilt", "effort"]
 
 
