@@ -3,8 +3,9 @@
 import pandas as pd
 import pytest
 
+from experiments import samples
 from experiments.pages import DOCS
-from experiments.samples import LARGEST, PAGES, SLOW, change, fly, tolerance
+from experiments.samples import LARGEST, PAGES, SLOW, VALUES, change, fly, tolerance
 
 
 @pytest.mark.parametrize(
@@ -26,3 +27,14 @@ def test_sampled_episodes_have_their_published_survival_and_values(page: str, po
         assert found["survived"].equals(stored["survived"]), scenario
         difference = change(stored, found)
         assert not (difference > tolerance(stored["moved"])).any(), f"{scenario}: {difference.to_dict()}"
+
+
+def test_what_a_start_1_nm_away_changes_too_much_is_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    def flown(policy: str, scenario: str, move: float = 0.0) -> pd.DataFrame:
+        table = pd.DataFrame({"survived": [True, True, move == 0.0], **dict.fromkeys(VALUES, 1.0)})
+        return table.assign(rmse=[1.0, 1.0 + 1e5 * move, 1.0])
+
+    monkeypatch.setattr(samples, "fly", flown)
+    rows = samples.sample("lqr", "calm")
+    assert rows["episode"].tolist() == [0, 1]
+    assert rows["rmse"].isna().tolist() == [False, True]
