@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: help demo test check check-extras format bench golden accuracy soak docs flying results dist clean
+.PHONY: help demo test check check-extras check-lowest format bench golden accuracy soak docs flying results dist clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -28,6 +28,16 @@ check: .venv/.installed  ## run what CI runs first: format, lint, types, docs, t
 
 check-extras: .venv-ray/.installed  ## run the tests that need Ray or Betaflight, or take long; what is missing is skipped with a reason
 	OMP_NUM_THREADS=1 PIP_CONSTRAINT=$(CURDIR)/constraints.txt .venv-ray/bin/python -m pytest -m extras -rs
+
+check-lowest: .venv-lowest/.installed  ## run the tests of the packages with the lowest versions that pyproject.toml permits
+	$(LOWEST) -m tests.helpers.kernels
+	$(LOWEST) -m pytest -m "not extras" -W ignore::DeprecationWarning -n $(WORKERS) --dist loadfile tests/quadpend_gym tests/quadpend_baselines tests/quadpend_train
+
+LOWEST := OMP_NUM_THREADS=1 NUMBA_CACHE_DIR=$(CURDIR)/.venv-lowest/numba .venv-lowest/bin/python
+.venv-lowest/.installed: .venv/.installed
+	$(BIN)/uv venv --quiet --clear --python $(BIN)/python $(@D)
+	UV_FIND_LINKS="$(PIP_FIND_LINKS)" $(BIN)/uv pip install --quiet --python $(@D)/bin/python --resolution lowest-direct --editable '.[train,view,mpc,logs,control,dev]'
+	touch $@
 
 format: .venv/.installed  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .
