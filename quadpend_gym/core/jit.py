@@ -1,19 +1,25 @@
 """Decorators that compile functions with numba: `compiled` to call from Python, `inlined` to call from compiled code.
 
 LLVM copies `inlined` functions into their callers (``alwaysinline``); without this it cannot vectorise a loop over
-sub-environments. The machine code of `compiled` functions is cached on disk. The cache becomes invalid if the file of
-the function, of its package or of this package changes. Files of the viewer are ignored, since they contain no compiled
-code.
+sub-environments. It assembles them only there. A call from Python executes them in Python.
+
+The machine code of `compiled` functions is cached on disk. The cache becomes invalid if the file of the function, of
+its package or of this package changes. Files of the viewer are ignored, since they contain no compiled code. A damaged
+cache is a miss, and replaced.
 
 Numba writes the cache beside the sources, or else to the user's cache folder, or to ``NUMBA_CACHE_DIR``. If it can
-write to none of them, there is a warning, and every process compiles the functions again. With
-``NUMBA_DISABLE_JIT=1`` Python executes the functions, with the same results, but slowly.
+write to none of them, there is a warning, and every process compiles the functions again. If compilation takes longer
+than two seconds, the logger ``quadpend_gym`` says so once. With ``NUMBA_DISABLE_JIT=1`` Python executes the functions,
+with the same results, but slowly.
 
 ``fastmath`` is off: it would let the compiler assume that every number is finite, which breaks ``isfinite``, and round
 scalar and vectorised loops differently. With ``error_model="numpy"`` a division by zero gives inf, without a branch.
 """
 
 import functools
+import logging
+import multiprocessing
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +27,13 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import config, njit
+from numba.core import event
+from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+
+_PATIENCE = 2.0  # s of compilation without a word
+_LOGGER = logging.getLogger("quadpend_gym")
 
 
 def _stamp(file: Path) -> tuple[str, int, int]:
@@ -43,6 +56,92 @@ def _package_of(file: Path) -> Path:
     return folder
 
 
+def _warn_of_cache(reason: str) -> None:
+    way_out = "every process compiles again: set NUMBA_CACHE_DIR to another folder"
+    warnings.warn(f"numba cannot write its cache{reason}, so {way_out}", RuntimeWarning, stacklevel=1)
+
+
+class _Cache(FunctionCache):
+    """The cache of one function: what cannot be read is compiled again, what cannot be written is not kept."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        # Numba checks only the file of `function`, not the files of the functions inlined into it, and has no public
+        # option for more files. This therefore replaces the private stamp that numba compares with its cache.
+        file = Path(function.__code__.co_filename)
+        self._cache_file._source_stamp = (*_source_stamp(_package_of(file)), _stamp(file))
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # damaged pickles raise errors of any type
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            try:
+                super().save_overload(sig, data)
+            except OSError:
+                raise
+            except Exception:  # the index is damaged
+                self.flush()
+                super().save_overload(sig, data)
+        except OSError as error:
+            _warn_of_cache(f" ({error.strerror})")
+
+
+class _Progress(event.Listener):
+    """Say once that a process compiles, when this has taken `_PATIENCE` seconds. Processes of a pool say nothing."""
+
+    def __init__(self) -> None:
+        self.depth, self.begun, self.spent, self.has_told = 0, 0.0, 0.0, False
+        self.cache: Any = None
+
+    def on_start(self, event: Any) -> None:
+        """Begin to count with a function that no other one calls; those that it calls are compiled meanwhile."""
+        if self.depth == 0:
+            self.begun, self.cache = time.monotonic(), event.data["dispatcher"]._cache
+        self.depth += 1
+        self._tell()
+
+    def on_end(self, event: Any) -> None:
+        """Stop counting with the end of that function."""
+        self.depth -= 1
+        if self.depth == 0 and isinstance(self.cache, _Cache):
+            self.spent += time.monotonic() - self.begun
+
+    def _tell(self) -> None:
+        if self.has_told or not isinstance(self.cache, _Cache):
+            return
+        if self.spent + time.monotonic() - self.begun > _PATIENCE and multiprocessing.parent_process() is None:
+            self.has_told = True
+            _LOGGER.warning("quadpend_gym compiles for this machine (once; cached in %s) …", self.cache.cache_path)
+
+
+event.register("numba:compile", _Progress())
+
+
+class _InlinedLibrary(JITCodeLibrary):
+    """The optimised code of an inlined function, for linking: LLVM assembles it as a part of its callers only."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+
+class _InlinedCompiler(CompilerBase):
+    def define_pipelines(self) -> list[Any]:
+        self.state.library = _InlinedLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        flags = self.state.flags
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+
+    def compile_extra(self, func: Callable[..., object]) -> Any:
+        """Compile, and give callers an entry point to find the code by, since there is no machine code."""
+        result = super().compile_extra(func)._replace(entry_point=object())
+        self.state.targetctx.insert_user_function(result.entry_point, result.fndesc, [result.library])
+        return result
+
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
@@ -52,18 +151,17 @@ def compiled(function: Function) -> Function:
         return np.errstate(all="ignore")(function)  # like machine code, do not warn of overflows
     dispatcher: Any = njit(error_model="numpy", nogil=True)(function)
     try:
-        dispatcher.enable_caching()
+        dispatcher._cache = _Cache(function)
     except RuntimeError:  # there is no folder that numba can write
-        message = "numba cannot write its cache, so every process compiles again: set NUMBA_CACHE_DIR to another folder"
-        warnings.warn(message, RuntimeWarning, stacklevel=1)
-        return cast(Function, dispatcher)
-    # Numba checks only the file of `function`, not the files of the functions inlined into it, and has no public option
-    # for more files. This therefore replaces the private stamp that numba compares with its cache.
-    file = Path(function.__code__.co_filename)
-    dispatcher._cache._cache_file._source_stamp = (*_source_stamp(_package_of(file)), _stamp(file))
+        _warn_of_cache("")
     return cast(Function, dispatcher)
 
 
 def inlined(function: Function) -> Function:
     """Compile `function` so that it is inlined into every compiled function that calls it."""
-    return cast(Function, njit(forceinline=True, error_model="numpy")(function))
+    dispatcher: Any = njit(forceinline=True, error_model="numpy", pipeline_class=_InlinedCompiler)(function)
+    if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+        # A call from Python finds no machine code, and numba then calls what `_compile_for_args` returns.
+        dispatcher.add_overload = lambda made: dispatcher.overloads.update({tuple(made.signature.args): made})
+        dispatcher._compile_for_args = lambda *_, **__: function
+    return cast(Function, dispatcher)

@@ -286,7 +286,8 @@ def _observe(
         begin(m, model, memory, row)
         if started[row]:
             continue
-        out[row, : 4 * bank.shape[0]] = before[row, : 4 * bank.shape[0]]
+        for i in range(4 * bank.shape[0]):
+            out[row, i] = before[row, i]
         command, seen = load_four(before.T, COMMAND, row), read_measurement(before.T, OBSERVED, row, model, rigid)
         first = observer_inputs(seen, before.T, row, command, numbers, model)
         second = observer_inputs(m, before.T, row, command, numbers, model)
@@ -359,8 +360,10 @@ def _commands(
                 thrusts = load_four(kept, RIGID_PART + ROTOR_THRUST, row)
             store_four(now, RIGID_PART + ROTOR_THRUST, row, thrusts)
 
-        later[row] = now[:, row]
-        chains[:, 0] = out[row, :OBSERVERS_SIZE]
+        for i in range(size):
+            later[row, i] = now[i, row]
+        for i in range(OBSERVERS_SIZE):
+            chains[i, 0] = out[row, i]
         then = later.T
         store_vectors(then, PLANT_DISTURBANCE, row, estimated_forces(out.T, row, numbers, model))
         if loop.parts.shape[0] > 1:

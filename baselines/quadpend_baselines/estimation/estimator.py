@@ -579,11 +579,11 @@ def _observe(
     for row in range(out.shape[0]):
         measured, _, wanted = law_inputs(measurement, row)
         has_rates = not np.isnan(measured.velocity.x)
+        for i in range(out.shape[1]):  # a copy of slices would compile for two seconds
+            out[row, i] = 0.0 if started[row] else before[row, i]
         if started[row]:
-            out[row] = 0.0
             begin(memory, row, measured, has_rates, wanted, model, rigid)
         else:
-            out[row] = before[row]
             gain = table[min(int(before[row, AGE]), table.shape[0] - 1)]
             advance(memory, row, load_action(action, row), 0, loop, rigid, buffer)
             correct(memory, row, measured, has_rates, wanted, gain, mass_share, model.vehicle, rigid, buffer)

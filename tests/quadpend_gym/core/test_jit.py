@@ -1,21 +1,37 @@
-"""A change of a function invalidates the cache of those that inline it, and compilation changes no number."""
+"""A change of a function invalidates the cache of those that inline it, and compilation changes no number.
+
+What is wrong with the cache stops no program.
+"""
 
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import pytest
+from numba import config
+
+from quadpend_gym.core.jit import compiled, inlined
 from tests.helpers.sources import ROOT
 
 CIRCLE = "from quadpend_gym import Reference; print(Reference.circle(1.0, 1.0).derivatives(0.0)[0, 1])"
 
 
-def output(folder: Path, script: str, **variables: str) -> str:
-    """Return the output of a script in a process of its own, which imports quadpend_gym from `folder`."""
+def run(folder: Path, script: str, **variables: str) -> Any:
+    """Run a script in a process of its own, which imports quadpend_gym from `folder`."""
     environment = {**os.environ, "PYTHONPATH": str(folder), **variables}
     command = [sys.executable, "-c", script]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+
+
+def output(folder: Path, script: str, **variables: str) -> str:
+    return str(run(folder, script, **variables).stdout)
+
+
+def _doubled(x: float) -> float:
+    return 2.0 * x
 
 
 def test_a_change_of_an_inlined_function_in_another_file_invalidates_the_cache(tmp_path: Path) -> None:
@@ -37,3 +53,51 @@ print(env.reset(seed=0)[0].tolist(), *(env.step(np.full(4, 0.1, np.float32))[:2]
 
 def test_without_compilation_the_numbers_are_the_same() -> None:
     assert output(ROOT, STEPS, NUMBA_DISABLE_JIT="1") == output(ROOT, STEPS)
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize(
+    "damage", [lambda data: b"", lambda data: data[:-9], lambda data: b"?" * 99], ids=["empty", "cut", "garbage"]
+)
+def test_a_damaged_file_of_the_cache_is_replaced(suffix: str, damage: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    assert compiled(_doubled)(1.0) == 2.0
+    (file,) = tmp_path.rglob(f"*{suffix}")
+    file.write_bytes(damage(file.read_bytes()))
+    assert compiled(_doubled)(1.0) == 2.0
+    third: Any = compiled(_doubled)
+    assert third(1.0) == 2.0
+    assert third.stats.cache_hits
+
+
+FULL_DISK = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))  # bytes of a file
+from quadpend_gym import Reference
+print(Reference.circle(1.0, 1.0).derivatives(0.0)[0, 1])
+"""
+
+
+def test_a_full_disk_is_a_warning(tmp_path: Path) -> None:
+    done = run(ROOT, FULL_DISK, NUMBA_CACHE_DIR=str(tmp_path))
+    assert float(done.stdout) == 0.0
+    assert done.stderr.count("RuntimeWarning: numba cannot write its cache") == 1
+
+
+COMPILES = "from quadpend_gym.core import jit; jit._PATIENCE = 0.0; " + CIRCLE
+
+
+def test_a_process_says_once_that_it_compiles(tmp_path: Path) -> None:
+    first, second = (run(ROOT, COMPILES, NUMBA_CACHE_DIR=str(tmp_path)).stderr for _ in range(2))
+    assert first.startswith("quadpend_gym compiles")
+    assert first.count("\n") == 1
+    assert second == ""
+
+
+def test_inlined_functions_are_assembled_only_in_their_callers() -> None:
+    inner: Any = inlined(_doubled)
+    outer = compiled(lambda x: inner(x) + 1.0)
+    assert outer(1.0) == 3.0
+    (made,) = inner.overloads.values()
+    assert not callable(made.entry_point)
+    assert inner(1.0) == 2.0  # in Python

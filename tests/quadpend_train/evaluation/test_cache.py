@@ -32,6 +32,15 @@ def test_a_repeated_comparison_runs_no_episode(tmp_path: Path, monkeypatch: pyte
     assert_same(first, compare(BOTH, SCENARIOS, 4, cache_folder=tmp_path))
 
 
+def test_a_damaged_result_is_computed_again(tmp_path: Path) -> None:
+    first = compare(BOTH, SCENARIOS, 4, cache_folder=tmp_path)
+    *files, last = tmp_path.iterdir()
+    for path, data in zip(files, (b"", b"?" * 99, b"PK\x03\x04"), strict=True):
+        path.write_bytes(data)
+    last.write_bytes(last.read_bytes()[:-9])
+    assert_same(first, compare(BOTH, SCENARIOS, 4, cache_folder=tmp_path))
+
+
 def test_everything_that_determines_a_result_is_in_the_name_of_its_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

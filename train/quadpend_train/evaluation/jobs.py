@@ -8,11 +8,13 @@ anew.
 import hashlib
 import json
 import sys
+import zlib
 from collections.abc import Hashable, Mapping
 from concurrent.futures import Executor
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -69,7 +71,8 @@ def run_jobs(
 ) -> dict[Name, EpisodeResults]:
     """Run all jobs and return their results, which do not depend on `processes`; only missing results are computed."""
     files = {name: job.file(cache_folder) for name, job in jobs.items()}
-    results = {name: _load(path) for name, path in files.items() if path and path.exists()}
+    loaded = {name: _load(path) for name, path in files.items() if path and path.exists()}
+    results = {name: result for name, result in loaded.items() if result}
     missing: dict[Name, Any] = {name: job for name, job in jobs.items() if name not in results}
 
     def save(name: Name, result: EpisodeResults) -> None:
@@ -87,6 +90,10 @@ def run_jobs(
     return {name: results[name] for name in jobs}
 
 
-def _load(path: Path) -> EpisodeResults:
-    with np.load(path, allow_pickle=False) as data:
-        return EpisodeResults(**data)
+def _load(path: Path) -> EpisodeResults | None:
+    """Return cached results; None if the file is damaged, as after a power failure."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            return EpisodeResults(**data)
+    except (OSError, EOFError, ValueError, TypeError, BadZipFile, zlib.error):
+        return None
