@@ -13,6 +13,7 @@ from scipy.interpolate import BPoly
 from quadpend_gym import PAPER, Simulation, Sinusoids, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.feasibility import check_feasible, demand, turning
+from quadpend_gym.tasks.minimum_snap import _COST
 from quadpend_gym.tasks.trajectories import as_trajectory
 from quadpend_gym.vehicles import VEHICLES, hover_wrench
 
@@ -139,3 +140,10 @@ def test_hovering_demands_no_torque_but_that_of_a_pole_beside_the_centre() -> No
     assert_array_equal(rate, 0.0)
     assert_array_equal(acceleration, 0.0)
     assert_allclose(torque, [hover_wrench(beside.parameters, beside.pivot)[1:]] * 2, atol=1e-12)
+
+
+def test_the_cost_of_a_minimum_snap_spline_has_no_rounding_errors_that_differ_between_processors() -> None:
+    assert_array_equal(_COST, _COST.T)
+    cubic = np.array([1, 3, 6, 6, 0, 0, 0])  # value and derivatives of u³ at 1
+    ends = np.concatenate([[0, 0, 0, 6, 0, 0, 0], cubic])
+    assert abs(ends @ _COST @ ends) < 1e-9
