@@ -112,17 +112,20 @@ def test_an_interrupted_command_ends_soon_and_leaves_nothing_behind(
     assert not list(Path().rglob("unfinished*"))
 
 
-def test_an_interruption_is_not_lost_in_a_callback_of_c() -> None:
-    """An exception cannot leave such a callback."""
-    program = """if True:
+@pytest.mark.parametrize("call", ["callback()", "exec('os.kill(os.getpid(), signal.SIGTERM)')"])
+def test_an_interruption_is_not_lost_in_a_callback_of_c_or_in_exec(call: str, tmp_path: Path) -> None:
+    """An exception cannot leave such a callback, and `python -m` changes its status after one in `exec`."""
+    program = f"""if True:
         import ctypes, os, signal, sys, time
         from quadpend_train.cli import main
         callback = ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGTERM))
-        main._run = lambda arguments: (callback(), time.sleep(60.0))
+        main._run = lambda arguments: ({call}, time.sleep(60.0))
         sys.argv = ["quadpend"]
         main.main()"""
+    (tmp_path / "program.py").write_text(program)
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
     begin = time.monotonic()
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50.0)
+    done = subprocess.run([sys.executable, "-m", "program"], env=env, capture_output=True, text=True, timeout=50.0)
     assert time.monotonic() - begin < SECONDS
     assert done.returncode == 128 + signal.SIGTERM
     assert done.stderr.strip() == "Interrupted: what is finished is saved, and the same command continues"

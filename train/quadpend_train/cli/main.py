@@ -125,11 +125,15 @@ def _replace_unknown_characters() -> None:
             stream.reconfigure(errors="replace")
 
 
+class _Interruption(KeyboardInterrupt):
+    """Python ends with SIGINT, in place of the exit status, if a KeyboardInterrupt itself has left `exec`."""
+
+
 def _interrupt(number: int, _: Any) -> None:
     """Raise KeyboardInterrupt once: a second Ctrl-C would interrupt the end of the processes."""
     signal.signal(number, signal.SIG_IGN)
     _received.append(number)
-    raise KeyboardInterrupt
+    raise _Interruption
 
 
 def _interrupt_again(lost: Any) -> None:
