@@ -19,12 +19,12 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     """
 
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
+        self.envs = list(envs)  # Gymnasium 1.2 closes it also if the constructor fails
         first = envs[0]
         if any(env.single_observation_space != first.single_observation_space for env in envs):
             raise ValueError("envs must have the same observation space")
         if len({(world.simulation.interface, world.simulation.period) for env in envs for world in worlds(env)}) > 1:
             raise ValueError("envs must have the same interface and control period")
-        self.envs = list(envs)
         self.metadata = dict(first.metadata)
         self.num_envs = sum(env.num_envs for env in envs)
         self.single_observation_space = first.single_observation_space
