@@ -77,6 +77,7 @@ FN void choose(const real *queue, const real *arrival, int substep, real *acting
   }
 }
 
+#ifndef MOTION
 /* Start the next episode of a row. */
 SLOW void begin(i64 n, i64 i, const i64 *seed, i64 *episode, int *clock, real *memory, real *out) {
   real u[START_DRAWS], m[N_MEMORY], observation[N_OBSERVATION];
@@ -154,7 +155,7 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
   }
 }
 
-#if !N_DRAWN
+#else
 /* The motion alone. `path` gets x before each substep; `queue` has the actions under way and then the new one. */
 ROWS(move_rows, const real *x0, const real *queue0, const real *wind0, const real *p0, real *path, real *x1) {
   EACH_ROW {
@@ -179,32 +180,29 @@ ROWS(move_rows, const real *x0, const real *queue0, const real *wind0, const rea
 }
 
 /* The product with the transposed Jacobian of `move_rows` with respect to x0 and the queue. */
-ROWS(move_rows_back, const real *path, const real *queue0, const real *wind0, const real *p0, const real *bar1,
-     real *bar0, real *bar_queue0) {
+ROWS(move_rows_back, const real *path, const real *x1, const real *queue0, const real *wind0, const real *p0,
+     const real *bar1, real *bar0, real *bar_queue0) {
   EACH_ROW {
     real x[N_X], queue[4 * N_SLOTS], wind[12], p[9], force[9], air[3], acting[4];
     real bar[N_X], before[N_X], bar_acting[4], bar_force[9], total[9], bar_queue[4 * N_SLOTS];
-    LOAD(x, path, N_X);
     LOAD(queue, queue0, 4 * N_SLOTS);
     LOAD(wind, wind0, 12);
     LOAD(p, p0, 9);
     LOAD(bar, bar1, N_X);
     for (int f = 0; f < 9; ++f) total[f] = 0;
     for (int f = 0; f < 4 * N_SLOTS; ++f) bar_queue[f] = 0;
+#if N_RIGID
+    LOAD(x, x1, N_X);
+    outputs_back(x, bar + 6, before);
+    for (int f = 0; f < N_X; ++f) bar[f] = (f < 6 || f >= 12 ? bar[f] : 0) + before[f];
+#endif
+    LOAD(x, path, N_X);
     drag(x, wind, p, force, air);
     ROLLED
     for (int k = N_SUBSTEPS - 1; k >= 0; --k) {
       int slot = N_SLOTS - 1 - (N_DELAY > k ? (N_DELAY - k + N_SUBSTEPS - 1) / N_SUBSTEPS : 0);
       LOAD(x, path + (i64)k * N_X * n, N_X);
       choose(queue, queue, k, acting);
-#if N_RIGID
-      if (k == N_SUBSTEPS - 1) {
-        real end[N_X];
-        move(x, acting, force, air, p, end);
-        outputs_back(end, bar + 6, before);
-        for (int f = 0; f < N_X; ++f) bar[f] = (f < 6 || f >= 12 ? bar[f] : 0) + before[f];
-      }
-#endif
       move_back(x, acting, force, air, p, bar, before, bar_acting, bar_force);
       for (int f = 0; f < N_X; ++f) bar[f] = before[f];
       for (int f = 0; f < 9; ++f) total[f] += bar_force[f];

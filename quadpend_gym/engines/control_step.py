@@ -190,7 +190,7 @@ class _Generator:
         draws = _Draws(clock)
         text += self._c("finish", draws, {"x": x, "last": last, **given}, **self._finish(draws, x, last))
         if self.loop is None:
-            text += self._derivatives(arguments)
+            text += f"#ifdef MOTION\n{self._derivatives(arguments)}#endif\n"
         sizes = self.sizes | {
             "substeps": self.simulation.substeps,
             "delay": self.simulation.delayed_substeps,

@@ -198,7 +198,7 @@ class Motion:
         if self.scenario.loop is not None:
             raise ValueError("Motion has no drawn loop: leave `loop` out of the scenario")
         made = Kernel.of(self.scenario, kernel)
-        self.sizes, self.library = made.sizes, Library(made.source, device, _dtype(dtype))
+        self.sizes, self.library = made.sizes, Library(made.source, device, _dtype(dtype), motion=True)
 
     def __call__(
         self, x: Tensor, under_way: Tensor, action: Tensor, wind: Tensor, parameters: Tensor
@@ -216,13 +216,13 @@ class _Motion(torch.autograd.Function):
         after = torch.empty_like(x)
         motion.library("move_rows", rows, x, queue, wind, parameters, path, after)
         ctx.motion = motion
-        ctx.save_for_backward(path, queue, wind, parameters)
+        ctx.save_for_backward(path, after, queue, wind, parameters)
         return after
 
     @staticmethod
     def backward(ctx: Any, *bars: Tensor) -> Any:
-        path, queue, wind, parameters = ctx.saved_tensors
+        path, after, queue, wind, parameters = ctx.saved_tensors
         bar, bar_x, bar_queue = bars[0].contiguous(), torch.empty_like(path[0]), torch.empty_like(queue)
-        arguments = path, queue, wind, parameters, bar, bar_x, bar_queue
+        arguments = path, after, queue, wind, parameters, bar, bar_x, bar_queue
         ctx.motion.library("move_rows_back", bar.shape[1], *arguments)
         return None, bar_x, bar_queue, None, None

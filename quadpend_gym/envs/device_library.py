@@ -25,11 +25,12 @@ class Library:
         source: What `engines.control_step` generates.
         device: ``"c"`` or a CUDA device of PyTorch.
         dtype: float32 or float64, the type of the numbers.
+        motion: Whether the functions are those of `Motion`, else those of the environment.
     """
 
-    def __init__(self, source: str, device: str, dtype: torch.dtype) -> None:
-        self._single = dtype is torch.float32
-        defines = "#define SINGLE\n" * self._single + f"#define THREADS {THREADS}\n"
+    def __init__(self, source: str, device: str, dtype: torch.dtype, motion: bool = False) -> None:
+        defines = f"#define THREADS {THREADS}\n" + "#define SINGLE\n" * (dtype is torch.float32)
+        defines += "#define MOTION\n" * motion
         self._find: Callable[[str], Any]
         if device == "c":
             library = ctypes.CDLL(str(compile_c(defines + source)))
