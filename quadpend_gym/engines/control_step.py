@@ -12,7 +12,8 @@ under way, the loop over substeps, and the next episode of a row whose episode e
 | parameters, reference, loop | of the episode; the loop with its latency in substeps, if it is drawn |
 """
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -62,6 +63,9 @@ from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
 from quadpend_gym.tasks.trajectories import Reference, point_at
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
+
+
+_NOUNS = {"act": "actuator", "wind": "wind", "sense": "sensor"}
 
 
 class _Draws:
@@ -139,9 +143,11 @@ class _Generator:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self.simulation, self.task = scenario, scenario.simulation, scenario.task
         if scenario.autopilot is not None:
-            raise ValueError("this engine does not run an autopilot: leave it out, for the rate loop of the vehicle")
+            raise ValueError(
+                "device: the generated kernel runs no autopilot: leave it out, for the rate loop of the vehicle"
+            )
         if not isinstance(self.task.trajectory, Reference | None):
-            raise ValueError("this engine has no waypoints and no sums of sinusoids: take a Reference as trajectory")
+            raise ValueError("device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference")
         self.rigid = plant_of(self.simulation).settings
         self.loop = None if scenario.loop is None else LoopRows(scenario.loop, self.simulation, 1)
         self.moves_air = any(model.moves_air for model in scenario.wind_models)
@@ -233,7 +239,8 @@ class _Generator:
                     memory = rows(lifted.initial_memory(stream)[0])
                 use(lifted, memory, stream)
             except Exception as error:
-                raise ValueError(f"this engine cannot step {model!r}: {error}") from error
+                kinds = " with ".join(dict.fromkeys(re.findall(r"kind='(\w+)'", repr(model)))) or type(model).__name__
+                raise ValueError(f"device: the generated kernel cannot step the {_NOUNS[name]} {kinds}") from error
             first += model.memory_size
             after += list(memory[0])
         return after
@@ -395,4 +402,3 @@ class _Generator:
             product = {key: ca.gradient(ca.dot(first, bar), given[key]) for key in wanted}
             text += self._c(f"{name}_back", None, {**given, "bar": bar}, **product)
         return text
-

@@ -94,6 +94,9 @@ class QuadPendulumDeviceEnv(VectorEnv[Any, Any, Any]):
             raise ValueError(f"autoreset_mode must be 'SameStep' with device={device!r}, not {autoreset_mode!r}")
         self.scenario, self.num_envs = as_scenario(scenario, **parts), num_envs
         self.max_episode_steps = self.scenario.steps if max_episode_steps is None else max_episode_steps
+        for name in ("num_envs", "max_episode_steps"):
+            if not isinstance(number := getattr(self, name), int) or number < 1:
+                raise ValueError(f"{name} must be a whole number of at least 1, not {number!r}")
         self.metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}
         self.device, self.dtype = torch.device("cpu" if device == "c" else device), _dtype(dtype)
         made = Kernel.of(self.scenario, kernel)

@@ -6,7 +6,7 @@ NVRTC and the driver are those that PyTorch brings; there is no other dependency
 import ctypes
 import site
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,7 @@ import torch
 
 from quadpend_gym.core.c_library import compile_c
 
-THREADS = 128  # of a block
-_FAST = ("--fmad=true", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
+OPTIONS = ("--fmad=true", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")  # of NVRTC
 
 
 class Library:
@@ -26,23 +25,37 @@ class Library:
         device: ``"c"`` or a CUDA device of PyTorch.
         dtype: float32 or float64, the type of the numbers.
         motion: Whether the functions are those of `Motion`, else those of the environment.
+        threads: Threads of a block of a GPU.
+        options: Options of NVRTC.
     """
 
-    def __init__(self, source: str, device: str, dtype: torch.dtype, motion: bool = False) -> None:
-        defines = f"#define THREADS {THREADS}\n" + "#define SINGLE\n" * (dtype is torch.float32)
+    def __init__(
+        self,
+        source: str,
+        device: str,
+        dtype: torch.dtype,
+        motion: bool = False,
+        threads: int = 128,
+        options: tuple[str, ...] = OPTIONS,
+    ) -> None:
+        defines = f"#define THREADS {threads}\n" + "#define SINGLE\n" * (dtype is torch.float32)
         defines += "#define MOTION\n" * motion
+        self._context: Any = None
         self._find: Callable[[str], Any]
         if device == "c":
             library = ctypes.CDLL(str(compile_c(defines + source)))
             self._find = lambda name: getattr(library, name)
             self._launch: Any = lambda function, rows, values: function(rows, *values)
         else:
-            self._module = _load_cubin(compile_cuda(defines + source, _architecture(device)))
-            self._find, self._launch = self._cuda_function, _launch
+            cubin = compile_cuda(defines + source, _architecture(device), options)
+            self._context, self._module = _load_cubin(cubin)
+            self._find, self._launch = self._cuda_function, partial(_launch, threads)
         self._functions: dict[str, Any] = {}
 
     def __call__(self, name: str, rows: int, *arguments: Any) -> None:
         """Run a function for all rows; numbers are given as values of ctypes."""
+        if self._context is not None:  # the derivatives run in a thread of PyTorch's
+            _check(_driver().cuCtxSetCurrent(self._context))
         if name not in self._functions:
             self._functions[name] = self._find(name)
         values = [ctypes.c_void_p(a.data_ptr()) if isinstance(a, torch.Tensor) else a for a in arguments]
@@ -56,7 +69,9 @@ class Library:
 
 def _architecture(device: str) -> str:
     if not torch.cuda.is_available():
-        raise ValueError(f"device={device!r} needs a GPU, and PyTorch finds none: device='c' computes the same on a CPU")
+        raise ValueError(
+            f"device={device!r} needs a GPU, and PyTorch finds none: device='c' computes the same on a CPU"
+        )
     return "sm_{}{}".format(*torch.cuda.get_device_capability(device))
 
 
@@ -79,7 +94,7 @@ def _nvrtc() -> Any:
     raise ValueError(f"device='cuda' needs {name}, which the CUDA builds of PyTorch bring")
 
 
-def compile_cuda(source: str, architecture: str, nvrtc: Any = None) -> bytes:
+def compile_cuda(source: str, architecture: str, options: tuple[str, ...] = OPTIONS, nvrtc: Any = None) -> bytes:
     """Return machine code for an architecture such as ``"sm_90"``; it needs no GPU.
 
     Raises:
@@ -87,8 +102,9 @@ def compile_cuda(source: str, architecture: str, nvrtc: Any = None) -> bytes:
     """
     library, program = nvrtc or _nvrtc(), ctypes.c_void_p()
     library.nvrtcCreateProgram(ctypes.byref(program), source.encode(), b"control_step.cu", 0, None, None)
-    options = [f"--gpu-architecture={architecture}", "--std=c++17", "--device-as-default-execution-space", *_FAST]
-    failed = library.nvrtcCompileProgram(program, len(options), (ctypes.c_char_p * 8)(*(o.encode() for o in options)))
+    every = f"--gpu-architecture={architecture}", "--std=c++17", "--device-as-default-execution-space", *options
+    given = (ctypes.c_char_p * len(every))(*(option.encode() for option in every))
+    failed = library.nvrtcCompileProgram(program, len(every), given)
 
     def read(what: str) -> bytes:
         size = ctypes.c_size_t()
@@ -105,18 +121,19 @@ def compile_cuda(source: str, architecture: str, nvrtc: Any = None) -> bytes:
 
 
 def _load_cubin(cubin: bytes) -> Any:
-    torch.cuda.current_stream()  # makes the context
-    module = ctypes.c_void_p()
+    torch.zeros(1, device="cuda")  # makes the context
+    context, module = ctypes.c_void_p(), ctypes.c_void_p()
+    _check(_driver().cuCtxGetCurrent(ctypes.byref(context)))
     _check(_driver().cuModuleLoadData(ctypes.byref(module), cubin))
-    return module
+    return context, module
 
 
-def _launch(function: Any, rows: ctypes.c_longlong, values: list[Any]) -> None:
+def _launch(threads: int, function: Any, rows: ctypes.c_longlong, values: list[Any]) -> None:
     arguments = [rows, *values]
     pointers = (ctypes.c_void_p * len(arguments))(*(ctypes.addressof(item) for item in arguments))
-    blocks = -(-rows.value // THREADS)
+    blocks = -(-rows.value // threads)
     stream = ctypes.c_void_p(torch.cuda.current_stream().cuda_stream)
-    _check(_driver().cuLaunchKernel(function, blocks, 1, 1, THREADS, 1, 1, 0, stream, pointers, None))
+    _check(_driver().cuLaunchKernel(function, blocks, 1, 1, threads, 1, 1, 0, stream, pointers, None))
 
 
 def _check(code: int) -> None:
