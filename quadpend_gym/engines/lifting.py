@@ -55,6 +55,7 @@ _FUNCTIONS: dict[Any, Any] = {
     elementary.log: ca.log,
     elementary.select: _select,
 }
+_LIFTED = dict(_FUNCTIONS)  # and what `lift` has made without other functions
 
 
 class Rows(np.ndarray):
@@ -125,7 +126,7 @@ def lift(function: Any, replaced: Mapping[Any, Any] | None = None) -> Any:
         function: The function.
         replaced: Functions by the ones, among those that it calls, in whose place they are called.
     """
-    return _lift(function, _FUNCTIONS if replaced is None else {**_FUNCTIONS, **replaced})
+    return _lift(function, _LIFTED if replaced is None else {**_FUNCTIONS, **replaced})
 
 
 def _lift(function: Any, known: dict[Any, Any], **names: Any) -> Any:
