@@ -3,8 +3,8 @@
     python -m benchmarks.gpu                                  # about six minutes
     python -m benchmarks.gpu --only steps --kernels DIR       # with kernels that another machine generated
 
-Rates are medians of rounds that CUDA events time; every call is a CUDA graph of ten steps with constant actions of
-0.01, in which episodes end and begin. A rate of crazyflow is of its simulator with commands of attitude each 10 ms, or of
+Rates are medians of rounds that CUDA events time; a call is a CUDA graph of ten steps with constant actions of 0.01,
+in which episodes end and begin. A rate of crazyflow is of its simulator with commands of attitude each 10 ms, or of
 force and torque each 100 ms, without an environment. Training times contain the evaluations, not the compilation.
 """
 
@@ -13,6 +13,7 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -22,23 +23,23 @@ import torch
 
 from quadpend_gym.envs.device_env import Motion, QuadPendulumDeviceEnv
 from quadpend_gym.scenarios.library import as_scenario
-from quadpend_gym.scenarios.scenario import Scenario
 
 ROOT = Path(__file__).parents[1]
 ROWS = (4096, 16_384, 65_536, 262_144, 1_048_576, 4_194_304)
-HUMMINGBIRD = Scenario(
-    vehicle="hummingbird",
-    interface="body_rates",
-    substeps=4,
-    latency=0.02,
-    wind="still_air",
-    name="hummingbird, velocities",
+HUMMINGBIRD = as_scenario(
+    {"vehicle": "hummingbird", "interface": "body_rates", "substeps": 4, "latency": 0.02, "wind": "still_air"}
 )
 SCENARIOS: dict[str, Any] = {
     "paper": as_scenario(None),
     "flight_training_wind": as_scenario("flight_training_wind"),
     "flight_training_late": as_scenario("flight_training_late"),
     "hummingbird": HUMMINGBIRD,
+}
+
+
+TRAININGS: dict[str, tuple[str, ...]] = {
+    "paper": (),
+    "hummingbird": ("--history", "2", "--log-std", "-2", "--gamma", "0.99"),
 }
 
 
@@ -51,13 +52,13 @@ def timed(call: Callable[[], object], calls: int, rounds: int = 5) -> float:
     """Return the median time of a call on the GPU, s."""
     times = []
     for _ in range(rounds):
-        begin, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+        begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))  # type: ignore[no-untyped-call]
         begin.record()
         for _ in range(calls):
             call()
         end.record()
         torch.cuda.synchronize()
-        times.append(begin.elapsed_time(end) / 1e3 / calls)
+        times.append(float(begin.elapsed_time(end)) / 1e3 / calls)
     return median(times)
 
 
@@ -84,7 +85,7 @@ def steps(name: str, folder: str | None, rows: tuple[int, ...] = ROWS) -> list[d
             env._seeded = True
             env.reset()
         actions = torch.full((n, 4), 0.01, device="cuda")
-        seconds = timed(captured(lambda env=env, actions=actions: env.step(actions), 10), 20) / 10
+        seconds = timed(captured(partial(env.step, actions), 10), 20) / 10
         rate = n / seconds
         found.append({"scenario": name, "rows": n, "steps": rate, "simulated": rate * scenario.period})
         del env
@@ -108,16 +109,16 @@ def products(folder: str | None, rows: tuple[int, ...] = ROWS[2:5]) -> list[dict
         p = parameters[:, None].repeat(1, n).contiguous()
         path, after, bar = x.new_empty(motion.sizes["substeps"], *x.shape), torch.empty_like(x), torch.randn_like(x)
         bar_x, bar_queue = torch.empty_like(x), torch.empty_like(queue)
-        forward = timed(lambda: motion.library("move_rows", n, x, queue, wind, p, path, after), 20)
+        forward = timed(partial(motion.library, "move_rows", n, x, queue, wind, p, path, after), 20)
         arguments = path, after, queue, wind, p, bar, bar_x, bar_queue
-        backward = timed(lambda: motion.library("move_rows_back", n, *arguments), 20)
+        backward = timed(partial(motion.library, "move_rows_back", n, *arguments), 20)
         found.append({"rows": n, "motions": n / forward, "products": n / backward})
     return found
 
 
 def crazyflow(rows: tuple[int, ...] = (65_536, 1_048_576)) -> list[dict[str, Any]]:
     """Return simulated seconds a second of crazyflow."""
-    import jax
+    import jax  # type: ignore[import-not-found]
     from crazyflow.sim import Sim
 
     found = []
@@ -155,7 +156,12 @@ def training(folder: str | None, name: str, seconds: float, *arguments: str) -> 
     args = ppo_gpu.parse(["--seconds", str(seconds), *arguments])
     args.scenario, args.kernel = SCENARIOS[name], kernel(name, folder)
     found: list[dict[str, Any]] = []
-    ppo_gpu.train(args, lambda item: (found.append(item), print(name, item, flush=True))[0])
+
+    def report(item: dict[str, Any]) -> None:
+        found.append(item)
+        print(name, item, flush=True)
+
+    ppo_gpu.train(args, report)
     reached = [item["seconds"] for item in found if item.get("survival", 0.0) >= 0.99]
     return {"scenario": name, "settings": arguments, "balanced": reached[0] if reached else None, "evaluations": found}
 
@@ -190,12 +196,15 @@ def main() -> None:
 
     if "steps" in args.only:
         for name in ("flight_training_wind", "paper", "flight_training_late"):
-            measure(f"steps {name}", lambda name=name: steps(name, args.kernels))
+            measure(f"steps {name}", partial(steps, name, args.kernels))
     if "products" in args.only:
-        measure("products", lambda: products(args.kernels))
+        measure("products", partial(products, args.kernels))
     if "ppo" in args.only:
-        measure("ppo paper", lambda: training(args.kernels, "paper", args.seconds))
-        measure("ppo hummingbird", lambda: training(args.kernels, "hummingbird", args.seconds, "--history", "2"))
+        for name, own in TRAININGS.items():
+            measure(f"ppo {name}", partial(training, args.kernels, name, args.seconds, *own))
+            for seed in ("1", "2"):
+                arguments = (*own, "--seed", seed, "--until", "0.99", "--evaluate-every", "0.5")
+                measure(f"ppo {name} {seed}", partial(training, args.kernels, name, 10.0, *arguments))
     if "crazyflow" in args.only:
         measure("crazyflow", crazyflow)
 

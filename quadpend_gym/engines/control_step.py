@@ -28,7 +28,7 @@ from quadpend_gym.engines.functions import actions_under_way
 from quadpend_gym.engines.lifting import columns, lift, lift_model, rows, vector
 from quadpend_gym.engines.scalar_c import scalar_c
 from quadpend_gym.envs import step_kernel
-from quadpend_gym.envs.kernel_layout import KernelLimits, make_weights
+from quadpend_gym.envs.kernel_layout import make_limits, make_weights
 from quadpend_gym.envs.loops import JITTER_STREAM, LoopRows, lateness
 from quadpend_gym.envs.spaces import observed_columns
 from quadpend_gym.physics import rigid_kernel
@@ -63,7 +63,6 @@ from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
 from quadpend_gym.tasks.trajectories import Reference, point_at
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
-
 
 _NOUNS = {"act": "actuator", "wind": "wind", "sense": "sensor"}
 
@@ -191,7 +190,7 @@ class _Generator:
         text += self._c("blow", draws, given, **self._blow(draws))
         arguments = {"x": x, "acting": acting, "force": force, "air": air}
         m = self._memory
-        following = self.substep(*arguments.values(), m[self.parts["parameters"]], m[self.parts["loop"]])
+        following = self.substep(x, acting, force, air, m[self.parts["parameters"]], m[self.parts["loop"]])
         text += self._c("substep", None, {"m": memory, **arguments}, next_x=following)
         draws = _Draws(clock)
         text += self._c("finish", draws, {"x": x, "last": last, **given}, **self._finish(draws, x, last))
@@ -366,8 +365,7 @@ class _Generator:
         rod_length = parameters[ROD_LENGTH]
         tracking = lift(tracking_errors)(lanes, 0, rod_length, Target(point.d0, point.d1, point.yaw))
         cosine, weights = task.side * lanes[DIRECTION + 2, 0], make_weights(task)
-        angles = np.cos([task.limits.pendulum_angle, task.limits.body_angle]).tolist()
-        limits = KernelLimits(*angles, task.limits.tracking_error, task.limits.ground, task.side)
+        limits = make_limits(task)
         ended = ca.fmax(lost, lift(step_kernel.outside)(lanes, 0, tracking.error, rod_length, limits))
         terms = lift(rewards.reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(last), 0, weights.tip)
         reward = lift(rewards.reward)(terms, cosine, lift(load)(lanes, DIRECTION_RATE, 0), weights)
@@ -388,9 +386,10 @@ class _Generator:
         p, wind = ca.SX.sym("p", PARAMETERS_SIZE), ca.SX.sym("wind", WIND_SIZE)
         x = arguments["x"]
         force, air = self.drag(x, wind, p)
+        move = self.substep(x, arguments["acting"], arguments["force"], arguments["air"], p)
         functions = [
             ("drag", {"x": x, "wind": wind, "p": p}, {"force": force, "air": air}, ["x"]),
-            ("move", {**arguments, "p": p}, {"x": self.substep(*arguments.values(), p)}, ["x", "acting", "force"]),
+            ("move", {**arguments, "p": p}, {"x": move}, ["x", "acting", "force"]),
         ]
         if self.rigid:
             functions.append(("outputs", {"x": x}, {"euler": self.outputs(x)}, ["x"]))

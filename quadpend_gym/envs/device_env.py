@@ -208,7 +208,9 @@ class Motion:
     ) -> tuple[Tensor, Tensor]:
         """Return x and the actions under way after the control step."""
         queue = torch.cat([under_way, action])
-        after: Tensor = _Motion.apply(self, x.contiguous(), queue, wind.contiguous(), parameters.contiguous())
+        after: Tensor = _Motion.apply(  # type: ignore[no-untyped-call]
+            self, x.contiguous(), queue, wind.contiguous(), parameters.contiguous()
+        )
         return after, queue[ACTION_SIZE:]
 
 

@@ -85,13 +85,12 @@ def _nvrtc() -> Any:
     """Return NVRTC: the loader's, or that of a wheel."""
     major = (torch.version.cuda or "13").partition(".")[0]
     name = f"libnvrtc.so.{major}"
-    packages = [Path(torch.__file__).parents[1], *map(Path, site.getsitepackages())]
-    for place in (name, *(str(file) for folder in packages for file in folder.glob(f"nvidia/*/lib/{name}"))):
-        try:
-            return ctypes.CDLL(place)
-        except OSError:
-            continue
-    raise ValueError(f"device='cuda' needs {name}, which the CUDA builds of PyTorch bring")
+    folders = {Path(torch.__file__).parents[1], *map(Path, site.getsitepackages())}
+    files = [str(file) for folder in folders for file in folder.glob(f"nvidia/*/lib/{name}")]
+    try:
+        return ctypes.CDLL(files[0] if files else name)
+    except OSError as error:
+        raise ValueError(f"device='cuda' needs {name}, which the CUDA builds of PyTorch bring: {error}") from error
 
 
 def compile_cuda(source: str, architecture: str, options: tuple[str, ...] = OPTIONS, nvrtc: Any = None) -> bytes:

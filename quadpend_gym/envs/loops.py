@@ -95,7 +95,7 @@ def lateness(key: Any, step: int, latency: float, jitter: float) -> float:
     if jitter == 0.0:
         return latency
     change = uniform_between(key, 2 * step, -jitter, jitter) + uniform(key, 2 * step + 1)
-    return max(latency + np.floor(change), 0.0)
+    return float(max(latency + np.floor(change), 0.0))
 
 
 @compiled
