@@ -2,7 +2,6 @@
 
     python train/ppo_gpu.py                                                    # the paper's vehicle in calm air
     python train/ppo_gpu.py --scenario windy --seconds 60
-    python train/ppo_gpu.py --scenario hummingbird_windy --seconds 120
     python train/ppo_gpu.py --device c --num-envs 256 --minibatches 16           # without a GPU
 
 A rollout and an update are one CUDA graph each, so Python launches two graphs in an iteration, and nothing waits for
@@ -36,8 +35,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--num-steps", type=int, default=64, help="control steps of a rollout")
     add("--minibatches", type=int, default=32)
     add("--epochs", type=int, default=3)
-    add("--lr", type=float, default=2e-3, help="decreases linearly with the time")
-    add("--gamma", type=float, default=0.995)
+    add("--lr", type=float, default=2e-3, help="the largest one, which decreases linearly with the time")
+    add("--kl", type=float, default=0.01, help="wanted divergence of a policy from the last one, which sets the rate")
+    add("--gamma", type=float, default=0.99)
     add("--gae", type=float, default=0.95)
     add("--clip", type=float, default=0.2)
     add("--log-std", type=float, default=-1.0, help="logarithm of the initial standard deviation of the actions")
@@ -120,7 +120,7 @@ def train(args: argparse.Namespace, report: Callable[[dict[str, Any]], None] = p
     rows = Rows(args, args.num_envs, args.seed)
     device, steps, n = rows.seen.device, args.num_steps, args.num_envs
     agent = Agent(rows.seen.shape[1], args).to(device)
-    lr = torch.tensor(args.lr, device=device)
+    lr, largest_lr = torch.tensor(args.lr, device=device), torch.tensor(args.lr, device=device)
     optimizer = torch.optim.Adam(agent.parameters(), lr=lr, eps=1e-5, capturable=device.type == "cuda")
     evaluate = evaluator(args, agent)
 
@@ -157,12 +157,17 @@ def train(args: argparse.Namespace, report: Callable[[dict[str, Any]], None] = p
                 part = order[k * size : (k + 1) * size]
                 x, action, before, gain, target = (item[part] for item in flat)
                 gain = (gain - gain.mean()) / (gain.std() + 1e-8)
-                ratio = torch.exp(agent.log_prob(x, action) - before)
+                log_ratio = agent.log_prob(x, action) - before
+                ratio = torch.exp(log_ratio)
                 policy_loss = -torch.min(ratio * gain, ratio.clamp(1.0 - args.clip, 1.0 + args.clip) * gain).mean()
                 loss = policy_loss + 0.5 * ((agent.value(x) - target) ** 2).mean()
                 optimizer.zero_grad(set_to_none=False)
                 loss.backward()  # type: ignore[no-untyped-call]
                 nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
+                distance = (ratio - 1.0 - log_ratio).detach().mean()  # Kullback–Leibler divergence from the old policy
+                slower, faster = distance > 2.0 * args.kl, distance < 0.5 * args.kl
+                factor = 1.0 + 0.5 * faster - slower / 3.0
+                lr.copy_((lr * factor).clamp(min=1e-5).minimum(largest_lr))
                 optimizer.step()
 
     start = {name: value.clone() for name, value in agent.state_dict().items()}
@@ -182,7 +187,7 @@ def train(args: argparse.Namespace, report: Callable[[dict[str, Any]], None] = p
     begin = last = time.perf_counter()
     done, iteration = 0.0, 0
     while done < args.seconds:
-        lr.fill_(args.lr * max(1.0 - done / args.seconds, 0.02))
+        largest_lr.fill_(args.lr * max(1.0 - done / args.seconds, 0.02))
         rollout()
         update()
         iteration += 1

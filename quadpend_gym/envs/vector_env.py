@@ -1,7 +1,6 @@
 """The vector environment: a `World` of many sub-environments behind the interface of `gymnasium.vector.VectorEnv`."""
 
 from collections.abc import Sequence
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -226,17 +225,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         info["reward_terms"] = {**terms, **{f"_{name}": mask for name in terms}}
         arrays = {name: value if name == "reward_terms" else value.T for name, value in info.items()}
         return {**arrays, **{f"_{name}": mask for name in arrays}}
-
-
-def make_vector_env(num_envs: int = 1, device: str | None = None, **arguments: Any) -> VectorEnv[Any, Any, Any]:
-    """Return a vector environment, on a device a `QuadPendulumDeviceEnv`; `gymnasium.make_vec` calls this."""
-    if device is None:
-        return QuadPendulumVectorEnv(num_envs, **arguments)
-    if find_spec("torch") is None:
-        raise ImportError("an environment on a device needs PyTorch: pip install torch")
-    from quadpend_gym.envs.device_env import QuadPendulumDeviceEnv
-
-    return QuadPendulumDeviceEnv(num_envs, device=device, **arguments)
 
 
 def _as_autoreset_mode(value: Any) -> AutoresetMode:

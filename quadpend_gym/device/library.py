@@ -21,7 +21,7 @@ class Library:
     """Functions for n rows, of tensors of shape (field, row).
 
     Args:
-        source: What `engines.control_step` generates.
+        source: What `control_step` generates.
         device: ``"c"`` or a CUDA device of PyTorch.
         dtype: float32 or float64, the type of the numbers.
         motion: Whether the functions are those of `Motion`, else those of the environment.

@@ -18,9 +18,9 @@ from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install torch")
 pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
 
+from quadpend_gym.device.env import Motion, QuadPendulumDeviceEnv
+from quadpend_gym.device.library import compile_cuda
 from quadpend_gym.engines.functions import step_function
-from quadpend_gym.envs.device_env import Motion, QuadPendulumDeviceEnv
-from quadpend_gym.envs.device_library import compile_cuda
 from tests.quadpend_gym.engines.test_functions import call
 
 LIMIT = 61  # control steps of an episode
@@ -148,7 +148,7 @@ def test_nvrtc_compiles_the_source(architecture: str, defines: str) -> None:
     place = next((place for place in places if place), None)
     if place is None:
         pytest.skip("NVRTC is not installed: pip install nvidia-cuda-nvrtc")
-    from quadpend_gym.engines.control_step import control_step
+    from quadpend_gym.device.control_step import control_step
 
     source = f"#define THREADS 128\n{defines}{control_step(as_scenario('flight_training_wind')).source}"
     assert len(compile_cuda(source, architecture, nvrtc=ctypes.CDLL(place))) > 10_000

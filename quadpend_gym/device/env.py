@@ -1,6 +1,6 @@
 """The vector environment on a GPU, and its build for the CPU: ``gymnasium.make_vec(…, device="cuda")``.
 
-`engines.control_step` generates its control step from the functions of the other environments, so its episodes are
+`control_step` generates its control step from the functions of the other environments, so its episodes are
 those of `QuadPendulumVectorEnv` with the same seeds, up to the rounding of its type of numbers.
 """
 
@@ -18,7 +18,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.envs.device_library import Library
+from quadpend_gym.device.library import Library
 from quadpend_gym.envs.spaces import action_space, observation_space
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 from quadpend_gym.scenarios.library import as_scenario
@@ -45,7 +45,7 @@ class Kernel:
             if found.pop("scenario") != digest:
                 raise ValueError(f"{path} is the kernel of another scenario: remove it, or give another file")
             return cls(source, found)
-        from quadpend_gym.engines.control_step import control_step
+        from quadpend_gym.device.control_step import control_step
 
         made = control_step(scenario)
         if path is not None:
