@@ -75,6 +75,6 @@ for _name, _task in ENVIRONMENTS.items():
     gym.register(
         id=_name,
         entry_point="quadpend_gym.envs.env:QuadPendulumEnv",
-        vector_entry_point="quadpend_gym.envs.vector_env:QuadPendulumVectorEnv",
+        vector_entry_point="quadpend_gym.device:make_vector_env",
         kwargs={} if _task == "track" else {"task": _task},
     )

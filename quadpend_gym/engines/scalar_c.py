@@ -33,7 +33,8 @@ _OPERATIONS = {
     **{
         getattr(ca, f"OP_{name.upper()}"): f"q_{call}({{0}}{', {1}' * (name == 'atan2')})"
         for name, call in (
-            *((name, name) for name in ("floor", "sqrt", "sin", "cos", "atan2", "exp", "tanh")),
+            *((name, name) for name in ("floor", "sqrt", "sin", "cos", "asin", "atan2", "exp", "expm1", "log", "tanh")),
+            ("sign", "sign"),
             ("fabs", "abs"),
         )
     },

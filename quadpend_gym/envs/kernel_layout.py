@@ -88,14 +88,20 @@ def make_weights(task: Task) -> KernelWeights:
     return KernelWeights(tracking, upright, yaw, effort, reward.tip, reward.pendulum_first)
 
 
+def make_limits(task: Task) -> KernelLimits:
+    """Return the limits with the angles as cosines."""
+    limits = task.limits
+    cos_pendulum_angle, cos_body_angle = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
+    return KernelLimits(cos_pendulum_angle, cos_body_angle, limits.tracking_error, limits.ground, task.side)
+
+
 def pack_settings(task: Task, plant: EulerPlant, moves_air: bool, substeps: int) -> Floats:
     """Return the settings as a flat array that `unpack_settings`, or `unpack_rigid_settings`, reads."""
-    limits, simulation = task.limits, plant.simulation
-    cos_pendulum_angle, cos_body_angle = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
+    simulation = plant.simulation
     settings = KernelSettings(
         simulation.period,
         Four(*simulation.command_scale.tolist()),
-        KernelLimits(cos_pendulum_angle, cos_body_angle, limits.tracking_error, limits.ground, task.side),
+        make_limits(task),
         make_weights(task),
         moves_air,
         substeps,

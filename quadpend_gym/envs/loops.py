@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.core.jit import compiled
+from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.streams import LOOP_STREAM, Keys, Streams, uniform, uniform_between
 from quadpend_gym.physics.rigid_settings import LOOP_SIZE, loop_numbers
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.randomization import LOOP_NAMES, LoopRanges
 from quadpend_gym.vehicles import Simulation
 
-_JITTER_STREAM = 1  # substream of the jitter
+JITTER_STREAM = 1  # substream of the jitter
 
 
 class LoopRows:
@@ -30,6 +30,7 @@ class LoopRows:
         drawn: The drawn values of the episodes in the order of `LOOP_NAMES`, shape (4, n); the latency in s.
         columns: For the step kernel: numbers of each loop (`rigid_settings.LOOP_SIZE`), then the actions that act
             during each of the s substeps of a control period, shape (7 + 4 s, n).
+        jitter: j, substeps.
         ages: Control steps since each of these actions was issued, shape (s, n); `slots` or more for hover.
         slots: Actions that can act in a control period.
     """
@@ -39,8 +40,8 @@ class LoopRows:
         nominal = simulation.latency, 1.0, 1.0, 1.0
         pairs = [getattr(ranges, name, None) or (value, value) for name, value in zip(LOOP_NAMES, nominal, strict=True)]
         self._lowest, self._highest = np.array(pairs).T
-        self._jitter = getattr(ranges, "jitter", 0.0) / simulation.period * substeps
-        latest = self._in_substeps(self._highest[0]) + ceil(self._jitter)
+        self.jitter = getattr(ranges, "jitter", 0.0) / simulation.period * substeps
+        latest = self._in_substeps(self._highest[0]) + ceil(self.jitter)
         self.slots = slots = -(-int(latest) // substeps) + 1  # of the ring buffer
         self.ages = np.zeros((substeps, rows), np.int64)
         self.drawn = np.zeros((len(LOOP_NAMES), rows))
@@ -53,14 +54,20 @@ class LoopRows:
     def start_episodes(self, rows: Integers, streams: Streams) -> None:
         """Draw the constants of new episodes, each from its own number; `streams` are those of the episodes."""
         own, simulation = streams.derive(LOOP_STREAM), self._simulation
-        drawn = own.between(0, self._lowest, self._highest)
-        self._latency[rows] = latency = self._in_substeps(drawn[:, 0])
-        drawn[:, 0] = latency * simulation.period / simulation.substeps
+        drawn = self.draw(own)
+        self._latency[rows] = drawn[:, 0]
+        drawn[:, 0] *= simulation.period / simulation.substeps
         self.drawn[:, rows] = drawn.T
         self.columns[:LOOP_SIZE, rows] = np.array([loop_numbers(simulation, *row) for row in drawn[:, 1:].tolist()]).T
         self.columns[LOOP_SIZE:, rows] = 0.0
         self._acting[rows] = -1
-        self._keys[rows] = own.derive(_JITTER_STREAM).keys
+        self._keys[rows] = own.derive(JITTER_STREAM).keys
+
+    def draw(self, streams: Streams) -> Floats:
+        """Draw the constants of episodes in the order of `LOOP_NAMES`, shape (n, 4); the latency in substeps."""
+        drawn = streams.between(0, self._lowest, self._highest)
+        drawn[:, 0] = self._in_substeps(drawn[:, 0])
+        return drawn
 
     def at_hover(self, rows: Integers) -> Floats:
         """Return `columns` of the sub-environments `rows` with actions of zero."""
@@ -74,12 +81,21 @@ class LoopRows:
         `step` is the number of control steps since each episode began, shape (n,).
         """
         last = np.empty((len(step), ACTION_SIZE), np.float32)
-        loop, queue = (self._latency, self._jitter, self._keys), (self._under_way, self._arrival, self._acting)
+        loop, queue = (self._latency, self.jitter, self._keys), (self._under_way, self._arrival, self._acting)
         _schedule(action, step, *loop, *queue, self.ages, self.columns[LOOP_SIZE:], last)
         return last
 
     def _in_substeps(self, latency: Any) -> Any:
         return np.rint(latency / self._simulation.period * self._simulation.substeps)
+
+
+@inlined
+def lateness(key: Any, step: int, latency: float, jitter: float) -> float:
+    """Return the delay Dₖ of the action of a control step, substeps; `jitter` is j."""
+    if jitter == 0.0:
+        return latency
+    change = uniform_between(key, 2 * step, -jitter, jitter) + uniform(key, 2 * step + 1)
+    return float(max(latency + np.floor(change), 0.0))
 
 
 @compiled
@@ -100,10 +116,7 @@ def _schedule(
     count = substeps.shape[0] // ACTION_SIZE
     for row in range(rows):
         now, current = step[row], acting[row]
-        late = latency[row]
-        if jitter > 0.0:
-            change = uniform_between(keys[row], 2 * now, -jitter, jitter) + uniform(keys[row], 2 * now + 1)
-            late = max(late + int(np.floor(change)), 0)
+        late = int(lateness(keys[row], now, float(latency[row]), jitter))
         arrival[now % slots, row] = now * count + late
         if now > 0:
             arrival[now % slots, row] = max(now * count + late, arrival[(now - 1) % slots, row])

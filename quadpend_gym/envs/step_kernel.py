@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.core.elementary import arcsin
+from quadpend_gym.core.elementary import arcsin, select
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs import outcome as rows
@@ -79,23 +79,22 @@ def _copy(lanes_in: Any, lanes: int, out: Any) -> None:
 
 
 @inlined
-def _diverged(state: Any, lane: int) -> bool:
+def diverged(state: Any, lane: int) -> float:
+    """Return 1 if a state is not finite or too large, else 0."""
     size = 0.0
     for field in range(STATE_SIZE):
         size = size + abs(state[field, lane])
-    return not (size < DIVERGENCE_LIMIT)
+    return select(size < DIVERGENCE_LIMIT, 0.0, 1.0)
 
 
 @inlined
-def _outside(state: Any, lane: int, error: Vec3, rod_length: float, limits: layout.KernelLimits) -> bool:
-    """Return whether the state is outside the task's limits."""
+def outside(state: Any, lane: int, error: Vec3, rod_length: float, limits: layout.KernelLimits) -> float:
+    """Return 1 if the state is outside the task's limits, else 0."""
     height, vertical = state[POSITION + 2, lane], state[DIRECTION + 2, lane]
-    return bool(
-        (limits.side * vertical < limits.cos_pendulum_angle)
-        | (state[THRUST_AXIS + 2, lane] < limits.cos_body_angle)
-        | (norm(error) > limits.tracking_error)
-        | (min(height, height + rod_length * vertical) <= limits.ground)
-    )
+    found = select(min(height, height + rod_length * vertical) <= limits.ground, 1.0, 0.0)
+    found = select(norm(error) > limits.tracking_error, 1.0, found)
+    found = select(state[THRUST_AXIS + 2, lane] < limits.cos_body_angle, 1.0, found)
+    return select(limits.side * vertical < limits.cos_pendulum_angle, 1.0, found)
 
 
 @inlined
@@ -110,7 +109,7 @@ def _measure(
     store(out, _TRACKING_ERROR, lane, tracking.error)
     out[rows.TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - limits.side)), 1.0))
     out[rows.REWARD, lane] = reward(terms, cosine, load(state, DIRECTION_RATE, lane), weights)
-    out[rows.TERMINATED, lane] = 1.0 if _outside(state, lane, tracking.error, rod_length, limits) else 0.0
+    out[rows.TERMINATED, lane] = outside(state, lane, tracking.error, rod_length, limits)
 
 
 @inlined
@@ -146,7 +145,7 @@ def _step(
     sensed_lanes, state_lanes = buffer[_SENSED], buffer[_STATE:_ACTION]
     action_lanes, reference_lanes, time = buffer[_ACTION:_REFERENCE], buffer[_REFERENCE:_TIME], buffer[_TIME]
     observation_lanes = np.empty((OBSERVATION_SIZE, BLOCK), np.float32)
-    diverged = np.empty(BLOCK, np.bool_)
+    is_lost = np.empty(BLOCK, np.bool_)
     last_action, last_lanes, switch = memory[:, layout.MEMORY_ACTION], np.empty((ACTION_SIZE, BLOCK)), task.switch
     if rigid is not None:
         rigid_memory = memory[:, layout.MEMORY_RIGID]
@@ -201,11 +200,11 @@ def _step(
             for lane in range(lanes):
                 store_wrench(state_lanes, with_loop(rigid.vehicle, loop_lanes, lane), lane, command_lanes)
         for lane in range(lanes):
-            diverged[lane] = _diverged(state_lanes, lane)
+            is_lost[lane] = diverged(state_lanes, lane) > 0.0
         for lane in range(lanes):
             clock[first + lane] += min(substeps, 1)
             time[lane] = period * clock[first + lane]
-            if diverged[lane]:
+            if is_lost[lane]:
                 for field in range(STATE_SIZE):
                     state_lanes[field, lane] = state[first + lane, field]
                 store(state_lanes, THRUST_AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
@@ -221,7 +220,7 @@ def _step(
             tracking = tracking_errors(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
             _measure(state_lanes, action_lanes, physics_lanes[ROD_LENGTH, lane], lane, tracking, task, buffer)
         for lane in range(lanes):
-            if diverged[lane]:
+            if is_lost[lane]:
                 buffer[rows.TERMINATED, lane] = 1.0
         scatter(state_lanes, first, lanes, state)
         if rigid is not None:

@@ -202,7 +202,7 @@ def _substep(
 
 
 @inlined
-def _store_outputs(state: Any, lane: int) -> None:
+def store_outputs(state: Any, lane: int) -> None:
     """Write the Euler angles, their rates and the thrust axis."""
     rotation: Rotation = rotation_matrix(_load_quaternion(state, lane))
     store(state, EULER, lane, euler_from_rotation(rotation, state[EULER + 2, lane]))
@@ -267,7 +267,7 @@ def integrate_rigid(
             physics, body = load_physics(parameters, lane), load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
             _substep(state, disturbance, physics, body, with_loop(rigid, loops, lane), lane, h)
     for lane in range(lanes):
-        _store_outputs(state, lane)
+        store_outputs(state, lane)
 
 
 @compiled

@@ -68,13 +68,16 @@ class RateLoopSettings(NamedTuple):
 def rate_loop_gains(time_constant: float, lag: float, step: float) -> tuple[float, float]:
     """Return k_ω (1/s) and k_τ of equation (1); `lag` is that of the rotors, and `step` that of the integration, s."""
     decay, slow = np.exp(-step / lag) if lag > 0.0 else 0.0, 2.0 * _RISE * lag
-    if decay < 1e-6 or time_constant > slow:
-        speed_up = 1.0 + (0.5 * _RISE - 1.0) * (slow / time_constant) ** 2
-        return float(-speed_up * np.expm1(-step / time_constant) / step), 0.0
+    speed_up = 1.0 + (0.5 * _RISE - 1.0) * (slow / time_constant) ** 2
+    alone = -speed_up * np.expm1(-step / time_constant) / step
+    if decay < 1e-6:
+        return float(alone), 0.0
     pole = np.exp(-_RISE * step / time_constant)
     rate_gain = (1.0 - pole) ** 2 / ((1.0 - decay) * step)
     reach = step - lag * (1.0 - decay)
-    return float(rate_gain), float((1.0 + decay - 2.0 * pole - reach * rate_gain) / (1.0 - decay))
+    torque_gain = (1.0 + decay - 2.0 * pole - reach * rate_gain) / (1.0 - decay)
+    is_slow = time_constant > slow
+    return float(np.where(is_slow, alone, rate_gain)), float(np.where(is_slow, 0.0, torque_gain))
 
 
 @inlined

@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import BeforeValidator
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.elementary import sincos
+from quadpend_gym.core.elementary import select, sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import unpacker
 from quadpend_gym.core.settings import Interval, Range, settings
@@ -122,31 +122,32 @@ def draw_reference(key: Any, ranges: ReferenceSettings, lanes: Any, lane: int) -
     other_families = ranges.hover + ranges.circle + ranges.figure_eight + ranges.helix
     choice = uniform(key, 0) * (other_families + ranges.slalom)
     is_hover = choice < ranges.hover
-    is_figure_eight = (choice >= ranges.hover + ranges.circle) & (
-        choice < ranges.hover + ranges.circle + ranges.figure_eight
-    )
-    is_slalom = (choice >= other_families) & (ranges.slalom > 0.0)
-    is_helix = (choice >= ranges.hover + ranges.circle + ranges.figure_eight) & ~is_slalom
-    radius = 0.0 if is_hover else uniform_between(key, 1, ranges.radius[0], ranges.radius[1])
+    helix_from = ranges.hover + ranges.circle + ranges.figure_eight
+    is_figure_eight = select(choice >= ranges.hover + ranges.circle, select(choice < helix_from, 1.0, 0.0), 0.0) > 0.5
+    is_slalom = select(choice >= other_families, select(ranges.slalom > 0.0, 1.0, 0.0), 0.0) > 0.5
+    is_helix = select(choice >= helix_from, select(is_slalom, 0.0, 1.0), 0.0) > 0.5
+    radius = select(is_hover, 0.0, uniform_between(key, 1, ranges.radius[0], ranges.radius[1]))
     acceleration = uniform_between(key, 2, ranges.acceleration[0], ranges.acceleration[1])
-    divisor = 2.0 if is_figure_eight else 1.0
-    peak = 17.0 / 8.0 if is_figure_eight else 1.0  # largest |F̈| / (radius ω²)
-    frequency = 0.0 if is_hover else np.sqrt(acceleration / (peak * radius))
+    divisor = select(is_figure_eight, 2.0, 1.0)
+    peak = select(is_figure_eight, 17.0 / 8.0, 1.0)  # largest |F̈| / (radius ω²)
+    frequency = select(is_hover, 0.0, np.sqrt(acceleration / (peak * radius)))
     phase = uniform_between(key, 3, 0.0, 2.0 * np.pi)
-    sign = 1.0 if uniform(key, 4) < 0.5 else -1.0
+    sign = select(uniform(key, 4) < 0.5, 1.0, -1.0)
+    climb = uniform_between(key, 7, ranges.climb[0], ranges.climb[1])
+    speed = uniform_between(key, 11, ranges.speed[0], ranges.speed[1])
     for field in range(REFERENCE_SIZE):
         lanes[field, lane] = 0.0
     lanes[_OFFSET + _Z, lane] = uniform_between(key, 5, ranges.height[0], ranges.height[1])
     lanes[_OFFSET + _YAW, lane] = uniform_between(key, 6, -ranges.yaw_offset, ranges.yaw_offset)
-    lanes[_RATE + _Z, lane] = uniform_between(key, 7, ranges.climb[0], ranges.climb[1]) if is_helix else 0.0
-    lanes[_RATE + _X, lane] = sign * uniform_between(key, 11, ranges.speed[0], ranges.speed[1]) if is_slalom else 0.0
-    lanes[_AMPLITUDE + _X, lane] = 0.0 if is_slalom else radius
+    lanes[_RATE + _Z, lane] = select(is_helix, climb, 0.0)
+    lanes[_RATE + _X, lane] = select(is_slalom, sign * speed, 0.0)
+    lanes[_AMPLITUDE + _X, lane] = select(is_slalom, 0.0, radius)
     lanes[_AMPLITUDE + _Y, lane] = sign * radius / divisor
     lanes[_AMPLITUDE + _YAW, lane] = uniform_between(key, 8, 0.0, ranges.yaw_amplitude)
-    lanes[_FREQUENCY + _X, lane] = 0.0 if is_slalom else frequency
+    lanes[_FREQUENCY + _X, lane] = select(is_slalom, 0.0, frequency)
     lanes[_FREQUENCY + _Y, lane] = divisor * frequency
     lanes[_FREQUENCY + _YAW, lane] = uniform_between(key, 9, 0.0, ranges.yaw_frequency)
-    lanes[_PHASE + _X, lane] = phase if is_figure_eight else phase + 0.5 * np.pi
+    lanes[_PHASE + _X, lane] = select(is_figure_eight, phase, phase + 0.5 * np.pi)
     lanes[_PHASE + _Y, lane] = divisor * phase
     lanes[_PHASE + _YAW, lane] = uniform_between(key, 10, 0.0, 2.0 * np.pi)
 

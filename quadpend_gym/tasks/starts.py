@@ -27,7 +27,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.elementary import sincos
+from quadpend_gym.core.elementary import select, sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import unpacker
 from quadpend_gym.core.settings import Interval, Range, settings
@@ -96,7 +96,8 @@ def _turned(key: Any, index: int, ranges: StartSettings, r: Vec3) -> Vec3:
     (_, lowest), (_, highest) = sincos(ranges.pendulum_angle[1]), sincos(ranges.pendulum_angle[0])
     cosine = uniform_between(key, index, lowest, highest)
     sin_side, cos_side = sincos(uniform_between(key, index + 1, -np.pi, np.pi))
-    along = cross(r, Vec3(1.0, 0.0, 0.0) if abs(r.x) < 0.8 else Vec3(0.0, 1.0, 0.0))
+    axis = select(abs(r.x) < 0.8, 1.0, 0.0)
+    along = cross(r, Vec3(axis, 1.0 - axis, 0.0))
     along = scale(1.0 / norm(along), along)
     to_side = axpy(cos_side, along, scale(sin_side, cross(r, along)))
     turned = axpy(cosine, r, scale(np.sqrt(max(1.0 - cosine * cosine, 0.0)), to_side))

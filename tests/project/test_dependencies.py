@@ -18,7 +18,7 @@ OWN = ("quadpend_gym", "quadpend_baselines", "quadpend_train", "benchmarks", "ex
 KNOWN = {**packages_distributions(), "tomli": ["tomli"], "pydantic_core": ["pydantic"]}
 # Extras that the code of a folder may import, beside the dependencies of the package.
 EXTRAS = {
-    "quadpend_gym": ("view", "mpc"),
+    "quadpend_gym": ("view", "mpc", "gpu"),
     "baselines": ("train", "mpc", "control"),
     "train": ("train", "view", "mpc", "cluster", "logs"),
     "benchmarks": ("train", "view", "dev", "peers"),

@@ -1,0 +1,403 @@
+"""The control step of an environment as C for one row: "numbers in, values out", for the CPU and, as CUDA, for a GPU.
+
+CasADi reads the functions and models that `World` computes with, as functions of the memory of a row and of numbers
+uniform in (0, 1). `control_step.c` has what CasADi cannot do: the integers of the random streams, the queue of actions
+under way, the loop over substeps, and the next episode of a row whose episode ends. The memory of a row is an array of
+
+| part | content |
+|---|---|
+| x | state, and for rigid vehicles quaternion, body rate and rotor thrusts |
+| act, wind, sense | memories of the actuators, the wind models and the sensors |
+| queue, arrival | actions under way, the oldest first; with a drawn loop also when each acts, in substeps from now |
+| parameters, reference, loop | of the episode; the loop with its latency in substeps, if it is drawn |
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from quadpend_gym.core import streams
+from quadpend_gym.core.delays import delay, hold
+from quadpend_gym.engines.functions import actions_under_way
+from quadpend_gym.engines.lifting import columns, lift, lift_model, rows, vector
+from quadpend_gym.engines.scalar_c import scalar_c
+from quadpend_gym.envs import step_kernel
+from quadpend_gym.envs.kernel_layout import make_limits, make_weights
+from quadpend_gym.envs.loops import JITTER_STREAM, LoopRows, lateness
+from quadpend_gym.envs.spaces import observed_columns
+from quadpend_gym.physics import rigid_kernel
+from quadpend_gym.physics.attitude import Quaternion, rotation_matrix
+from quadpend_gym.physics.drag import add_drag
+from quadpend_gym.physics.dynamics import load_physics, thrust_axis
+from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, THRUST_AXIS, integrate, store_command
+from quadpend_gym.physics.plants import plant_of
+from quadpend_gym.physics.rigid_settings import LOOP_SIZE, LOOP_THRUST, loop_numbers
+from quadpend_gym.physics.state import (
+    ACTION_SIZE,
+    COMMAND_SIZE,
+    DIRECTION,
+    DIRECTION_RATE,
+    DISTURBANCE_SIZE,
+    EULER,
+    STATE_SIZE,
+)
+from quadpend_gym.physics.vectors import Four, load, store, times
+from quadpend_gym.randomization import Around
+from quadpend_gym.scenarios.scenario import Scenario
+from quadpend_gym.tasks import rewards
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_SIZE,
+    Target,
+    observe_reference,
+    observe_state,
+    tracking_errors,
+)
+from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_reference
+from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
+from quadpend_gym.tasks.trajectories import Reference, point_at
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
+from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
+
+_NOUNS = {"act": "actuator", "wind": "wind", "sense": "sensor"}
+
+
+class _Draws:
+    """The uniform numbers that a function takes; a stream is the tuple of its numbers below that of the episode."""
+
+    def __init__(self, clock: Any) -> None:
+        self.clock = clock
+        self._found: dict[tuple[tuple[int, ...], int, int], Any] = {}
+        self.replaced: dict[Any, Any] = {
+            streams.uniform: self._uniform,
+            streams.derive: lambda key, number: (*key, int(number)),
+            streams.Streams: lambda keys: lift_model(streams.Streams(keys), self.replaced),
+            hold: _hold,
+            delay: self._delay,
+        }
+
+    @property
+    def symbols(self) -> Any:
+        return ca.vertcat(*self._found.values())
+
+    def stream(self, *key: int) -> Any:
+        keys = np.empty(1, object)
+        keys[0] = key
+        return lift_model(streams.Streams(keys), self.replaced)
+
+    def _uniform(self, key: tuple[int, ...], index: Any) -> Any:
+        first, second, third = (float(ca.substitute(ca.SX(index), self.clock, k)) for k in (0, 1, 2))
+        if third - second != second - first:
+            raise ValueError("it draws at times that depend on what it drew before")
+        place = key, int(second - first), int(first)
+        return self._found.setdefault(place, ca.SX.sym("u"))
+
+    def _delay(self, values: Any, step: Any, memory: Any, steps: int, repeats_first: bool = False) -> None:
+        now = values.copy()
+        if repeats_first and step[0].is_constant():
+            memory[:] = np.tile(now, steps)
+        else:
+            values[:], memory[:] = memory[:, : now.size], np.hstack([memory[:, now.size :], now])
+
+    def as_c(self, name: str) -> str:
+        """Return a C function that computes the numbers."""
+        keys = sorted({key[:size] for key, _, _ in self._found for size in range(1, len(key) + 1)}, key=len)
+        names = {key: f"k{i}" for i, key in enumerate(keys)} | {(): "key"}
+        lines = [f"FN void {name}_draws(u64 key, u64 step, real *u) {{"]
+        lines += [f"u64 {names[key]} = derive({names[key[:-1]]}, {key[-1]});" for key in keys]
+        for i, (key, slope, offset) in enumerate(self._found):
+            lines.append(f"u[{i}] = uniform({names[key]}, {slope} * step + {offset});")
+        return "\n  ".join([*lines, "(void)key; (void)step; (void)u;"]) + "\n}\n"
+
+
+def _hold(values: Any, memory: Any, held: Any) -> None:
+    for column in range(values.shape[1]):
+        values[0, column] = ca.if_else(held[0], memory[0, column], values[0, column])
+    memory[:] = values
+
+
+@dataclass(frozen=True)
+class ControlStep:
+    """The C source of a scenario, and the sizes of its arrays."""
+
+    source: str
+    sizes: dict[str, int]
+
+
+def control_step(scenario: Scenario) -> ControlStep:
+    """Return the control step of a scenario as C.
+
+    Raises:
+        ValueError: The scenario has a part that this engine does not cover.
+    """
+    return _Generator(scenario).generate()
+
+
+class _Generator:
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario, self.simulation, self.task = scenario, scenario.simulation, scenario.task
+        if scenario.autopilot is not None:
+            raise ValueError(
+                "device: the generated kernel runs no autopilot: leave it out, for the rate loop of the vehicle"
+            )
+        if not isinstance(self.task.trajectory, Reference | None):
+            raise ValueError("device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference")
+        self.rigid = plant_of(self.simulation).settings
+        self.loop = None if scenario.loop is None else LoopRows(scenario.loop, self.simulation, 1)
+        self.moves_air = any(model.moves_air for model in scenario.wind_models)
+        count = actions_under_way(self.simulation, scenario.loop)
+        models = scenario.actuators, scenario.wind_models, scenario.sensors
+        sizes = {
+            "x": STATE_SIZE + plant_of(self.simulation).memory_size,
+            **{
+                name: sum(m.memory_size for m in part)
+                for name, part in zip(("act", "wind", "sense"), models, strict=True)
+            },
+            "queue": ACTION_SIZE * count,
+            "arrival": count if self.loop else 0,
+            "parameters": PARAMETERS_SIZE,
+            "reference": REFERENCE_SIZE,
+            "loop": LOOP_SIZE + 1 if self.loop else 0,
+        }
+        ends = [0, *accumulate(sizes.values())]
+        self.sizes = sizes | {"slots": count + 1, "memory": ends[-1], "observation": scenario.observation_size}
+        self.parts = {name: slice(*pair) for name, pair in zip(sizes, pairwise(ends), strict=True)}
+        self._memory: Any = ca.SX.sym("m", ends[-1])
+
+    def generate(self) -> ControlStep:
+        clock = ca.SX.sym("clock")
+        text, memory = "", self._memory
+        draws = _Draws(clock)
+        m, observation = self._start(draws)
+        text += self._c("start", draws, {}, next_m=m, observation=observation)
+        # What is the same number in every episode is a number in the equations.
+        entries = ca.vertsplit(self._memory)
+        for i in range(self.parts["parameters"].start, len(entries)):
+            if m[i].is_constant():
+                entries[i] = m[i]
+        self._memory = ca.vertcat(*entries)
+        action, acting, last = (ca.SX.sym(name, ACTION_SIZE) for name in ("action", "acting", "last"))
+        x, force, air = (ca.SX.sym("x", self.sizes["x"]), ca.SX.sym("force", DISTURBANCE_SIZE), ca.SX.sym("air", 3))
+        given = {"m": memory, "clock": clock}
+        draws = _Draws(clock)
+        text += self._c("actuate", draws, {"action": action, **given}, **self._act(draws, action))
+        draws = _Draws(clock)
+        text += self._c("blow", draws, given, **self._blow(draws))
+        arguments = {"x": x, "acting": acting, "force": force, "air": air}
+        m = self._memory
+        following = self.substep(x, acting, force, air, m[self.parts["parameters"]], m[self.parts["loop"]])
+        text += self._c("substep", None, {"m": memory, **arguments}, next_x=following)
+        draws = _Draws(clock)
+        text += self._c("finish", draws, {"x": x, "last": last, **given}, **self._finish(draws, x, last))
+        if self.loop is None:
+            text += f"#ifdef MOTION\n{self._derivatives(arguments)}#endif\n"
+        sizes = self.sizes | {
+            "substeps": self.simulation.substeps,
+            "delay": self.simulation.delayed_substeps,
+            "drawn": int(self.loop is not None),
+            "rigid": int(bool(self.rigid)),
+            "drag": int(bool(self.rigid) or self.moves_air),
+            **{f"{name}_at": part.start for name, part in self.parts.items()},
+        }
+        defines = "".join(f"#define N_{name.upper()} {size}\n" for name, size in sizes.items())
+        source = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
+        return ControlStep(source.replace("// GENERATED\n", defines + text), sizes)
+
+    def _c(self, name: str, draws: _Draws | None, arguments: dict[str, Any], **results: Any) -> str:
+        """Return a function as C, with one that computes the uniform numbers that it takes."""
+        if draws is not None:
+            arguments = arguments | {"u": draws.symbols}
+            size = max(draws.symbols.numel(), 1)
+        dense = {f"{key}_{name}": ca.densify(ca.SX(value)) for key, value in results.items()}
+        names = {f"{key}_": value for key, value in arguments.items()}
+        function = ca.Function(name, [*names.values()], ca.cse([*dense.values()]), [*names], [*dense])
+        text = scalar_c(function).replace("static void", "FN void")
+        return text if draws is None else f"#define {name.upper()}_DRAWS {size}\n{text}{draws.as_c(name)}"
+
+    def _part(self, name: str) -> Any:
+        return self._memory[self.parts[name]]
+
+    def _apply(self, draws: _Draws, name: str, use: Callable[[Any, Any, Any], None], memories: Any = None) -> list[Any]:
+        """Let the models of a part act, each with its memory and its stream; return the memories."""
+        models = {"act": self.scenario.actuators, "wind": self.scenario.wind_models, "sense": self.scenario.sensors}
+        numbers = {"act": streams.ACTUATOR_STREAM, "wind": streams.WIND_STREAM, "sense": streams.SENSOR_STREAM}
+        count, entries, after, first = len(models[name]), ca.vertsplit(self._part(name)), [], 0
+        for i, model in enumerate(models[name]):
+            number = count - 1 - i if name == "act" else i
+            try:
+                lifted = lift_model(model, draws.replaced)
+                stream = draws.stream(numbers[name], number)
+                if memories is None:
+                    memory = rows(entries[first : first + model.memory_size])
+                else:
+                    memory = rows(lifted.initial_memory(stream)[0])
+                use(lifted, memory, stream)
+            except Exception as error:
+                kinds = " with ".join(dict.fromkeys(re.findall(r"kind='(\w+)'", repr(model)))) or type(model).__name__
+                raise ValueError(f"device: the generated kernel cannot step the {_NOUNS[name]} {kinds}") from error
+            first += model.memory_size
+            after += list(memory[0])
+        return after
+
+    def _start(self, draws: _Draws) -> tuple[Any, Any]:
+        """Return the memory and the observation at the beginning of an episode."""
+        simulation, task, ranges = self.simulation, self.task, self.scenario.parameters
+        parameters = list(simulation.parameters.as_array())
+        if ranges is not None:
+            found = ranges.ranges(simulation.parameters) if isinstance(ranges, Around) else ranges
+            stream = draws.stream(streams.PARAMETER_STREAM)
+            parameters = list(lift_model(found, draws.replaced).draw(simulation.parameters, stream)[0])
+        physics = columns(parameters)
+        reference = columns([], REFERENCE_SIZE)
+        if task.trajectory is None:
+            key = (streams.REFERENCE_STREAM,)
+            lift(draw_reference, draws.replaced)(key, task.references, reference, 0)
+        else:
+            reference[:, 0] = task.trajectory.as_array()
+        point = lift(point_at)(None, 0, reference, 0, 0.0)
+        state = columns([], STATE_SIZE)
+        pole = StartPole(*start_pole(simulation, task.side).tolist())
+        arguments = task.start, pole, point, lift(load_physics)(physics, 0), state, 0
+        lift(draw_start, draws.replaced)((streams.START_STREAM,), *arguments)
+        x = list(state[:, 0])
+        if self.rigid:
+            x += list(lift(rigid_kernel.rigid_from_state)(rows(x), simulation)[0])
+        step, period = self._step(0), simulation.period
+        act = self._apply(draws, "act", lambda *_: None, ())
+        wind = self._apply(draws, "wind", lambda *_: None, ())
+        measured = rows(state[:, 0])
+        sense = self._apply(draws, "sense", lambda model, *own: model.sense(measured, own[0], step, period, own[1]), ())
+        queue = [0.0] * self.sizes["queue"] + [0.0] * self.sizes["arrival"]
+        loop = []
+        if self.loop is not None:
+            stream = draws.stream(streams.LOOP_STREAM)
+            latency, *factors = lift_model(self.loop, draws.replaced).draw(stream)[0]
+            loop = [*lift(loop_numbers)(simulation, *factors), latency]
+        memory = [*x, *act, *wind, *sense, *queue, *parameters, *list(reference[:, 0]), *loop]
+        return ca.vertcat(*memory), self._observe(measured, parameters[ROD_LENGTH], point)
+
+    @staticmethod
+    def _step(number: Any) -> Any:
+        return rows([ca.SX(number)])[0]
+
+    def _observe(self, measured: Any, rod_length: Any, point: Any) -> Any:
+        state, out = columns(list(measured[0])), columns([], OBSERVATION_SIZE)
+        tracking = lift(tracking_errors)(state, 0, rod_length, Target(point.d0, point.d1, point.yaw))
+        lift(observe_state)(state, 0, tracking, out, 0)
+        lift(observe_reference)(point, 0, out)
+        return ca.vertcat(*out[observed_columns(self.scenario), 0])
+
+    def _act(self, draws: _Draws, action: Any) -> dict[str, Any]:
+        """Return the action after the actuators, when it acts, and the memory of the actuators."""
+        acted, step = rows(ca.vertsplit(action)), self._step(draws.clock)
+        memory = self._apply(draws, "act", lambda model, *own: model.act(acted, own[0], step, self.simulation, own[1]))
+        late: Any = 0.0
+        if self.loop is not None:
+            key = (streams.LOOP_STREAM, JITTER_STREAM)
+            latency = self._part("loop")[LOOP_SIZE]
+            late = lift(lateness, draws.replaced)(key, draws.clock, latency, self.loop.jitter)
+        return {"acted": vector(acted), "late": late, "act": ca.vertcat(*memory)}
+
+    def _blow(self, draws: _Draws) -> dict[str, Any]:
+        """Return forces and torque with drag, the velocity of the air, and the memory of the wind."""
+        wind, step = rows([0.0] * WIND_SIZE), self._step(draws.clock)
+        period = self.simulation.period
+        memory = self._apply(draws, "wind", lambda model, *own: model.sample(wind, own[0], step, period, own[1]))
+        whole = ca.SX(vector(wind))
+        force, air = self.drag(self._part("x"), whole, self._part("parameters"))
+        return {"force": force, "air": air, "wind": ca.vertcat(*memory)}
+
+    def drag(self, x: Any, wind: Any, parameters: Any) -> tuple[Any, Any]:
+        """Return forces and torque with drag, which are constant during a control period, and the air's velocity."""
+        force, air = columns(wind[:DISTURBANCE_SIZE]), columns(wind[WIND_FIELDS["velocity"]])
+        if self.rigid or self.moves_air:
+            lift(add_drag)(lift(load)(air, 0, 0), columns(x), columns(parameters), 0, force)
+        return vector(force), vector(air)
+
+    def substep(self, x: Any, acting: Any, force: Any, air: Any, parameters: Any, loop: Any = None) -> Any:
+        """Return x after a substep under the action that acts in it."""
+        h, physics, disturbance = self.simulation.period / self.simulation.substeps, columns(parameters), columns(force)
+        if not self.rigid:
+            lanes, command = columns(x, LANE_STATE_SIZE), columns([], COMMAND_SIZE)
+            scale: Any = Four(*self.simulation.command_scale.tolist())
+            if self.loop is not None:
+                scale = lift(times)(loop[LOOP_THRUST], scale)
+            lift(store_command)(columns(acting), scale, 0, command)
+            lift(integrate)(lanes, command, disturbance, physics, 1, h, 1)
+            return vector(lanes[:STATE_SIZE])
+        lanes = self._lanes(x)
+        loops = None if self.loop is None else columns(ca.vertcat(loop[:LOOP_SIZE], acting))
+        nothing = {add_drag: lambda *_: None, rigid_kernel.store_outputs: lambda *_: None}  # once in a control period
+        action = columns(acting)
+        arguments = lanes, action, action, disturbance, columns(air), physics, self.rigid, 1, h, 1, 0, loops
+        lift(rigid_kernel.integrate_rigid, nothing)(*arguments)
+        return ca.vertcat(vector(lanes[:STATE_SIZE]), vector(lanes[rigid_kernel.RIGID :][: rigid_kernel.RIGID_SIZE]))
+
+    def _lanes(self, x: Any) -> Any:
+        axis = ca.SX(LANE_STATE_SIZE - STATE_SIZE, 1)
+        return columns(ca.vertcat(x[:STATE_SIZE], axis, x[STATE_SIZE:]), rigid_kernel.RIGID_LANE_SIZE)
+
+    def outputs(self, x: Any) -> Any:
+        """Return a rigid vehicle's Euler angles and their rates."""
+        lanes = self._lanes(x)
+        lift(rigid_kernel.store_outputs)(lanes, 0)
+        return vector(lanes[EULER:DIRECTION])
+
+    def _finish(self, draws: _Draws, x: Any, last: Any) -> dict[str, Any]:
+        """Return what follows from the motion: the state, the observation, the reward and whether the episode ends."""
+        simulation, task, before = self.simulation, self.task, self._part("x")
+        after = ca.vertcat(x[:EULER], self.outputs(x), x[DIRECTION:]) if self.rigid else x
+        lost = lift(step_kernel.diverged)(columns(after[:STATE_SIZE]), 0)
+        after = ca.if_else(lost, before, after)
+        lanes, parameters = columns(after[:STATE_SIZE], LANE_STATE_SIZE), self._part("parameters")
+        if self.rigid:
+            axis = lift(rotation_matrix)(Quaternion(*ca.vertsplit(after[STATE_SIZE : STATE_SIZE + 4]))).z
+        else:
+            axis = lift(thrust_axis)(lift(load)(lanes, EULER, 0))
+        lift(store)(lanes, THRUST_AXIS, 0, axis)
+        time, reference = simulation.period * (draws.clock + 1), columns(self._part("reference"))
+        point = lift(point_at)(None, 0, reference, 0, time)
+        rod_length = parameters[ROD_LENGTH]
+        tracking = lift(tracking_errors)(lanes, 0, rod_length, Target(point.d0, point.d1, point.yaw))
+        cosine, weights = task.side * lanes[DIRECTION + 2, 0], make_weights(task)
+        limits = make_limits(task)
+        ended = ca.fmax(lost, lift(step_kernel.outside)(lanes, 0, tracking.error, rod_length, limits))
+        terms = lift(rewards.reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(last), 0, weights.tip)
+        reward = lift(rewards.reward)(terms, cosine, lift(load)(lanes, DIRECTION_RATE, 0), weights)
+        measured, step = rows(list(lanes[:STATE_SIZE, 0])), self._step(draws.clock + 1)
+        period = simulation.period
+        sense = self._apply(draws, "sense", lambda model, *own: model.sense(measured, own[0], step, period, own[1]))
+        return {
+            "x": after,
+            "sense": ca.vertcat(*sense),
+            "observation": self._observe(measured, rod_length, point),
+            "reward": reward,
+            "ended": ended,
+            "error": vector(tracking.error),
+        }
+
+    def _derivatives(self, arguments: dict[str, Any]) -> str:
+        """Return the parts of a control step and their products with the transposed Jacobians, of any parameters."""
+        p, wind = ca.SX.sym("p", PARAMETERS_SIZE), ca.SX.sym("wind", WIND_SIZE)
+        x = arguments["x"]
+        force, air = self.drag(x, wind, p)
+        move = self.substep(x, arguments["acting"], arguments["force"], arguments["air"], p)
+        functions = [
+            ("drag", {"x": x, "wind": wind, "p": p}, {"force": force, "air": air}, ["x"]),
+            ("move", {**arguments, "p": p}, {"x": move}, ["x", "acting", "force"]),
+        ]
+        if self.rigid:
+            functions.append(("outputs", {"x": x}, {"euler": self.outputs(x)}, ["x"]))
+        text = ""
+        for name, given, results, wanted in functions:
+            text += self._c(name, None, given, **results)
+            first = next(iter(results.values()))
+            bar = ca.SX.sym("bar", first.numel())
+            product = {key: ca.gradient(ca.dot(first, bar), given[key]) for key in wanted}
+            text += self._c(f"{name}_back", None, {**given, "bar": bar}, **product)
+        return text
