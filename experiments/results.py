@@ -3,13 +3,12 @@
     python -m experiments.results --jobs 2      # 200 episodes in each scenario, seeds from 1000000; half an hour
 
 It also writes docs/results/ (tables, figures, report.html) and docs/hover/. `python -m experiments.demo` trains for a
-minute, `experiments.learning`, `situation`, `ablations`, `bound` and `samples` make the other parts.
+minute, `experiments.learning`, `situation`, `ablations` and `samples` make the other parts.
 """
 
 import shutil
 from pathlib import Path
 
-from experiments import bound
 from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
 from quadpend_baselines.gains import TUNED
 from quadpend_train.evaluation.comparison import Comparison, compare
@@ -56,12 +55,11 @@ def main() -> None:
     comparison = compare((*LEARNED, *CLASSICAL), ["test"], given.episodes, given.seed, CACHE, jobs=given.jobs)
     standings = leaderboard(comparison.table)
     report.write(comparison, standings, DOCS / "results")
-    planned = bound.read(bound.FOLDER / "bound.csv", list(comparison.scenarios), 8, given.seed)
     best, *others = (row.policy for row in standings)
     sentences = [compare_pair(comparison.table, best, other).sentence() for other in others[:PAIRS]]
     page = {
         "provenance": made_by("results", given.episodes, given.seed),
-        "leaderboard": tables.leaderboard_markdown(standings, bound.bound_row(planned, comparison, best)),
+        "leaderboard": tables.leaderboard_markdown(standings),
     }
     pairs = "\n".join(f"- {sentence}" for sentence in sentences)
     fill(DOCS / "results.md", page)
