@@ -136,7 +136,7 @@ DELAYED = {name: CLASSICAL[name] for name in ("storm, lagged", "hummingbird, as 
 # Scenarios of each policy; a learned policy has its name without the seed.
 FLIGHTS: dict[str, dict[str, Parts]] = {
     **dict.fromkeys(("adrc-paper", "adrc-matched", "adrc-tuned", "adrc-linear", "nmpc"), CLASSICAL),
-    **dict.fromkeys(("flatness", "lqr", "lqi", "dual-mode", "mppi"), CLASSICAL | LOAD),
+    **dict.fromkeys(("flatness", "lqr", "lqi", "dual-mode"), CLASSICAL | LOAD),
     "lqg": CLASSICAL,
     **dict.fromkeys(("flatness-unpredicted", "lqr-unpredicted"), DELAYED),
     "swing-up": {**SWING_UP, **RIGID},

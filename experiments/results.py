@@ -18,9 +18,7 @@ from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.reports import report, tables
 
 LEARNED = ("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling")
-CLASSICAL = (
-    *("dual-mode", "flatness", "mppi", "lqi", "lqr", "adrc-matched", "adrc-tuned", "adrc-linear", "adrc-paper"),
-)
+CLASSICAL = (*("dual-mode", "flatness", "lqi", "lqr", "adrc-matched", "adrc-tuned", "adrc-linear", "adrc-paper"),)
 
 PAIRS = 3  # pairwise comparisons on the page, of the best policy with the next ones
 

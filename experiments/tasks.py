@@ -47,9 +47,9 @@ HUMMINGBIRD = [SCENARIOS[name].with_vehicle("hummingbird", "body_rates") for nam
 PARTS: dict[str, tuple[Sequence[str | Scenario], tuple[str, ...], dict[str, str]]] = {
     "swing-up-hummingbird": (HUMMINGBIRD, ("swing-up",), SETTLING),
     "swing-up": (["test-swing-up"], ("swing-up", "ppo-swing-up-wind", "ppo-swing-up", "sac-swing-up"), SETTLING),
-    "load": (["test-load"], ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), TRACKING),
+    "load": (["test-load"], ("flatness", "dual-mode", "lqi", "lqr", "ppo-load", "sac-load"), TRACKING),
     "recovery": (["test-recovery"], ("swing-up", "ppo-recovery", "sac-recovery"), SETTLING),
-    "agile": (["agile"], ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile", "sac-agile"), TRACKING),
+    "agile": (["agile"], ("flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile", "sac-agile"), TRACKING),
 }
 
 

@@ -62,7 +62,7 @@ class Controller(Policy):
         if scenario.task.pendulum != "hanging":
             return allocate_rotors(self.designed_for(simulation, loop), scenario)
         if not self.flies_load:
-            raise ValueError("of the classical controllers, only flatness, lqr, lqi, dual-mode and mppi fly a load")
+            raise ValueError("of the classical controllers, only flatness, lqr, lqi and dual-mode fly a load")
         return allocate_rotors(Hanging(self.designed_for(mirror_simulation(simulation), loop)), scenario)
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.adrc import ADRC
-from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.estimator import Estimator
@@ -127,7 +126,7 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
     law = getattr(policy, "_law", None)
     if any(task.pendulum != "upright" or task.limits.pendulum_angle > 0.5 * np.pi for task in tasks):
         raise ValueError(f"{name} cannot be written as C: only policies that balance an upright pendulum can")
-    if not isinstance(policy, ADRC | OutputFeedback | MlpPolicy) or isinstance(law, Mppi | Nmpc):
+    if not isinstance(policy, ADRC | OutputFeedback | MlpPolicy) or isinstance(law, Nmpc):
         raise ValueError(f"{name} cannot be written as C: it is no network, ADRC, LQR, LQI, LQG, flatness or dual-mode")
     if isinstance(policy, MlpPolicy) and isinstance(policy.hybrid, MemoryOnly):
         raise ValueError(f"{name} cannot be written as C: networks on a memory of the measurements are not covered")
