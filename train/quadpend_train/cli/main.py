@@ -65,7 +65,6 @@ COMMANDS = {
         "search.sweep",
         "Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.",
     ),
-    "paper": ("paper.paper", "Repeat the experiment of the paper and draw its Figures 4 to 10."),
 }
 _LINES = "\n".join(f"  {name:<11}{summary}" for name, (_, summary) in COMMANDS.items())
 _OVERVIEW = f"""usage: quadpend COMMAND [OPTIONS]
