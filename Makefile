@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: help demo test check check-extras check-lowest format bench golden accuracy soak docs flying results dist clean
+.PHONY: help demo test check check-extras check-lowest format bench golden accuracy docs flying results dist clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -52,9 +52,6 @@ golden: .venv/.installed  ## hashes of results: written on the first run, compar
 
 accuracy: .venv/.installed  ## docs/accuracy.md: energy drift, distance from MuJoCo, coverage of intervals, error rates of tests
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.accuracy
-
-soak: .venv/.installed  ## docs/soak.md: everything for an hour on two cores
-	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak --document docs/soak.md
 
 docs: .venv/.installed  ## build the documentation site in site/; a broken link or a missing reference is an error
 	$(BIN)/python -m docs.tools.schemas

@@ -2,12 +2,10 @@
 
     python -m experiments.results --jobs 2      # 200 episodes in each scenario, seeds from 1000000; half an hour
 
-It also writes docs/results/ (tables, figures, report.html) and docs/hover/. `python -m experiments.demo` trains for a
-minute, `experiments.learning`, `situation`, `ablations` and `samples` make the other parts.
+It also writes docs/results/ (tables, figures, report.html); `python -m experiments.samples` makes sample.csv there.
 """
 
 import shutil
-from pathlib import Path
 
 from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
 from quadpend_baselines.gains import TUNED
@@ -62,10 +60,7 @@ def main() -> None:
     pairs = "\n".join(f"- {sentence}" for sentence in sentences)
     fill(DOCS / "results.md", page)
     fill(DOCS / "results/tables.md", {"tuning": tuning(), "pairwise": pairs, "matrix": matrix(comparison)})
-    hover = compare(("dual-mode", "flatness", "adrc-paper", *LEARNED), ["hover", "hover_windy"], 200, given.seed, CACHE)
-    report.write(hover, leaderboard(hover.table), DOCS / "hover")
-    for folder in (DOCS / "results", DOCS / "hover"):  # too large for the repository
-        shutil.move(folder / "episodes.csv", Path("results") / f"{folder.name}_episodes.csv")
+    shutil.move(DOCS / "results/episodes.csv", "results/results_episodes.csv")  # too large for the repository
 
 
 if __name__ == "__main__":
