@@ -6,7 +6,7 @@ import gymnasium as gym
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from quadpend_gym import Dryden, Limits, Task, wrappers
-from quadpend_gym.actuators import ActionDelay, MotorLag, PacketLoss, RateLimit, RotorFault, Rotors
+from quadpend_gym.actuators import ActionDelay, MotorLag, PacketLoss, RateLimit
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Delay, Dropout, Noise, SampleHold
@@ -28,7 +28,7 @@ TURBULENCE = ("WindWrapper", Dryden("moderate"))
 SENSORS = ("SensorWrapper", [NOISE, Dropout(0.2), SampleHold(0.02), Delay(2)])
 ACTUATORS = (
     "ActuatorWrapper",
-    [PacketLoss(0.2), ActionDelay(2), RateLimit(50.0), MotorLag(0.03), RotorFault(3, 0.8, 0.05), Rotors(1.2)],
+    [PacketLoss(0.2), ActionDelay(2), RateLimit(50.0), MotorLag(0.03)],
 )
 PARAMETERS = ("ParameterWrapper", RANGES)
 OUTPUTS = ("OutputFeedbackWrapper",)
@@ -45,7 +45,7 @@ STACKS: dict[str, Layers] = {
     "all, the simulation inside": [TURBULENCE, PARAMETERS, ACTUATORS, SENSORS, OUTPUTS, HISTORY],
     "all, the simulation outside": [OUTPUTS, HISTORY, SENSORS, WIND, ACTUATORS, PARAMETERS],
     "all, mixed and some twice": [
-        ("ActuatorWrapper", [MotorLag(), Rotors()]),
+        ("ActuatorWrapper", [MotorLag(), RateLimit()]),
         ("SensorWrapper", Delay()),
         TURBULENCE,
         ("HistoryWrapper", 1, 1),
