@@ -16,6 +16,7 @@ _TRACEBACK = "--traceback"
 _EXTRAS = {
     "casadi": "mpc",
     "imageio": "view",
+    "onnx": "onnx",
     "orangebox": "logs",
     "pyulog": "logs",
     "ray": "cluster",
