@@ -8,7 +8,6 @@ from quadpend_gym import QuadPendulumVectorEnv, Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.envs.outcome import TRACKING_ERROR
 from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
-from quadpend_gym.wrappers import VectorActuatorWrapper, VectorParameterWrapper
 
 ca = pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
 from quadpend_baselines.planning.transcription import (  # noqa: E402
@@ -25,17 +24,14 @@ WIND = [Dryden("severe"), OrnsteinUhlenbeck(force=0.3, bob_force=0.1, torque=0.0
 
 def make():  # type: ignore[no-untyped-def]
     """One sub-environment with drag, forces, a torque and its own parameters, whose episode outlasts the flight."""
-    env = QuadPendulumVectorEnv(1, wind=WIND, max_episode_steps=STEPS + 1)
-    return VectorActuatorWrapper(VectorParameterWrapper(env, {"share": 0.3}), DELAYED)
-
-
-DELAYED = [ActionDelay(2), MotorLag(0.02)]
+    parts = {"wind": WIND, "parameters": {"share": 0.3}, "actuators": [ActionDelay(2), MotorLag(0.02)]}
+    return QuadPendulumVectorEnv(1, max_episode_steps=STEPS + 1, **parts)
 
 
 def known_episode(env, seed: int) -> KnownEpisode:  # type: ignore[no-untyped-def]
     """The episode that a seed draws, for N control steps; no wind model reads the state, so any flight reveals it."""
     env.reset(seed=seed)
-    world = env.unwrapped.world
+    world = env.world
     start, parameters = world.state[0].copy(), world.parameters[0].copy()
     wind, target = [], []
     for _ in range(STEPS):
@@ -48,7 +44,7 @@ def known_episode(env, seed: int) -> KnownEpisode:  # type: ignore[no-untyped-de
 def fly(env, seed: int, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
     """States, shape (N + 1, 18), and tracking errors, shape (N, 3), of a flight that performs given actions."""
     env.reset(seed=seed)
-    world, errors = env.unwrapped.world, []
+    world, errors = env.world, []
     states = [world.state[0].copy()]
     for action in actions:
         *_, terminated, truncated, info = env.step(action[np.newaxis].astype(np.float32))
@@ -74,7 +70,7 @@ def test_a_step_of_the_plant_is_a_step_of_the_environment() -> None:
 
 def test_an_optimal_flight_is_flown_by_the_environment_as_planned() -> None:
     env, plant = make(), Plant(Simulation(), moves_air=True, lags=(0.02,), delay=2)
-    limits = env.unwrapped.world.task.limits
+    limits = env.world.task.limits
     episode, problem = known_episode(env, 5), Transcription(plant, limits, STEPS)
     nothing = Flight(episode.start[np.newaxis], np.zeros((0, 4)))
     solution = problem.solve(episode, *problem.guess(nothing, episode))
