@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: help demo test check check-extras check-lowest format bench golden accuracy soak docs flying results dist clean
+.PHONY: help demo test check check-extras check-lowest format bench golden accuracy docs flying results dist clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -20,10 +20,11 @@ test: .venv/.installed  ## run the tests
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.helpers.kernels
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not extras" -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
-check: .venv/.installed  ## run what CI runs first: format, lint, types, docs, tests
+check: .venv/.installed  ## run what CI runs first: format, lint, types, imports, docs, tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 	$(MAKE) docs test
 
 check-extras: .venv-ray/.installed  ## run the tests that need Ray or Betaflight, or take long; what is missing is skipped with a reason
@@ -53,9 +54,6 @@ golden: .venv/.installed  ## hashes of results: written on the first run, compar
 accuracy: .venv/.installed  ## docs/accuracy.md: energy drift, distance from MuJoCo, coverage of intervals, error rates of tests
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.accuracy
 
-soak: .venv/.installed  ## docs/soak.md: everything for an hour on two cores
-	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak --document docs/soak.md
-
 docs: .venv/.installed  ## build the documentation site in site/; a broken link or a missing reference is an error
 	$(BIN)/python -m docs.tools.schemas
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
@@ -76,7 +74,7 @@ dist:  ## build sdist and wheel in dist/, and check what PyPI checks
 
 clean:  ## delete the caches of numba and of the tools
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
-	rm -rf site .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist *.egg-info
+	rm -rf site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist *.egg-info
 
 .venv/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.10 or newer is needed, not " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'

@@ -45,8 +45,6 @@ SENSORS = [
     {"kind": "dropout", "probability": 0.3},
     {"kind": "sample_hold", "period": 0.03},
 ]
-ROTORS = {"kind": "rotors", "arm": 0.25, "drag_ratio": 0.03}
-FAULT = [{"kind": "rotor_fault", "rotor": 3, "effectiveness": 0.6, "onset": 0.1}, ROTORS]
 ACTUATORS = [
     {"kind": "action_delay", "steps": 2},
     {"kind": "motor_lag", "time_constant": 0.02},
@@ -87,7 +85,6 @@ ENVIRONMENTS: dict[str, Parts] = {
         for vehicle, interface, latency in product(VEHICLES, INTERFACES, (0.0, 0.015))
     },
     "sensor: all sensors": {"sensors": SENSORS},
-    "actuator: all actuators": {"actuators": [*ACTUATORS, *FAULT]},
     "actuator: gyro bias": {**RATES, "actuators": {"kind": "gyro_bias", "deviation": 0.3}},
     **{f"parameters: {name}": {"parameters": ranges, "wind": "storm"} for name, ranges in RANGES.items()},
     "observation: history": {"history": (3, 2)},
@@ -136,7 +133,7 @@ DELAYED = {name: CLASSICAL[name] for name in ("storm, lagged", "hummingbird, as 
 # Scenarios of each policy; a learned policy has its name without the seed.
 FLIGHTS: dict[str, dict[str, Parts]] = {
     **dict.fromkeys(("adrc-paper", "adrc-matched", "adrc-tuned", "adrc-linear", "nmpc"), CLASSICAL),
-    **dict.fromkeys(("flatness", "lqr", "lqi", "dual-mode", "mppi"), CLASSICAL | LOAD),
+    **dict.fromkeys(("flatness", "lqr", "lqi", "dual-mode"), CLASSICAL | LOAD),
     "lqg": CLASSICAL,
     **dict.fromkeys(("flatness-unpredicted", "lqr-unpredicted"), DELAYED),
     "swing-up": {**SWING_UP, **RIGID},

@@ -25,7 +25,6 @@ from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Noise
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
-from quadpend_gym.wrappers import VectorParameterWrapper, VectorSensorWrapper
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.policies.export import export
@@ -94,9 +93,9 @@ def vector_env(env: VectorEnv[Any, Any, Any], action: Any) -> Call:
 
 def make_everything(num_envs: int) -> VectorEnv[Any, Any, Any]:
     """Make a vector environment with Dryden wind, noise on the measured outputs, and ± 30 % of every parameter."""
-    env = QuadPendulumVectorEnv(num_envs, wind=Dryden(), autoreset_mode=AutoresetMode.SAME_STEP)
-    noisy = VectorSensorWrapper(env, Noise(position=0.002, euler=0.002, direction=0.002))
-    return VectorParameterWrapper(noisy, Around(0.3))
+    noise = Noise(position=0.002, euler=0.002, direction=0.002)
+    parts: dict[str, Any] = {"wind": Dryden(), "sensors": noise, "parameters": Around(0.3)}
+    return QuadPendulumVectorEnv(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **parts)
 
 
 def measure_environments() -> dict[Key, float]:

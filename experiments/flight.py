@@ -33,7 +33,7 @@ POLICIES = (
     *("lqg", "flatness", "dual-mode", "lqi", "lqr", "adrc-matched", "adrc-paper"),
     *("apg-flight", "ppo-flight"),
 )
-SLOW, SLOW_EPISODES = ("mppi", "nmpc"), 20  # they take long, and fly in these scenarios only
+SLOW, SLOW_EPISODES = ("nmpc",), 20  # takes long, and flies in these scenarios only
 SLOW_SCENARIOS = (
     *("flight_breeze", "flight_dryden_medium", "flight_gusts", "flight_late", "flight_masses", "flight_circle"),
 )

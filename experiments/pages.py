@@ -4,14 +4,10 @@ import argparse
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.statistics import Interval
-from quadpend_train.reports import figures
 
 README = Path(__file__).parents[1] / "README.md"
 DOCS = README.parent / "docs"
@@ -56,27 +52,3 @@ def with_survival(number: str, summary: Mapping[str, Interval]) -> str:
     """Return a number, followed by the survival if that is below 100 %."""
     survival = summary["survival"].value
     return number if survival == 100.0 else f"{number} ({survival:.3g} %)"
-
-
-def interval_figure(rows: Mapping[str, Mapping[str, Interval]], label: str, log: bool = False) -> Any:
-    """Return a figure with a point and its interval for each row and series, on a logarithmic scale or around zero."""
-    names = list(next(iter(rows.values())))
-    figure = figures.new_figure(7.0, 0.9 + (0.14 + 0.11 * len(names)) * len(rows))
-    ((axis,),) = figures.add_axes(figure, 1, 1)
-    for i, name in enumerate(names):
-        values, low, high = np.array([row[name] for row in rows.values()]).T
-        height = np.arange(len(rows)) + (i - 0.5 * (len(names) - 1)) * 0.7 / len(names)
-        ends = [values - low, high - values]
-        style = {"fmt": "o", "markersize": 4, "color": figures.colour(i), "label": name}
-        axis.errorbar(values, height, xerr=ends, **style)
-    axis.set_yticks(range(len(rows)), [*rows])
-    axis.invert_yaxis()
-    axis.set_xlabel(label)
-    if log:
-        axis.set_xscale("log")
-        figures.set_log_ticks(axis.xaxis, (1.0, 2.0, 5.0))
-    else:
-        axis.axvline(0.0, color="#888888", linewidth=0.8)
-    axis.grid(axis="x", color="#dddddd", linewidth=0.5)
-    figure.legend(loc="outside upper center", ncols=min(len(names), 4), frameon=False)
-    return figure

@@ -2,14 +2,11 @@
 
     python -m experiments.results --jobs 2      # 200 episodes in each scenario, seeds from 1000000; half an hour
 
-It also writes docs/results/ (tables, figures, report.html) and docs/hover/. `python -m experiments.demo` trains for a
-minute, `experiments.learning`, `situation`, `ablations`, `bound` and `samples` make the other parts.
+It also writes docs/results/ (tables, figures, report.html); `python -m experiments.samples` makes sample.csv there.
 """
 
 import shutil
-from pathlib import Path
 
-from experiments import bound
 from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
 from quadpend_baselines.gains import TUNED
 from quadpend_train.evaluation.comparison import Comparison, compare
@@ -19,9 +16,7 @@ from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.reports import report, tables
 
 LEARNED = ("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling")
-CLASSICAL = (
-    *("dual-mode", "flatness", "mppi", "lqi", "lqr", "adrc-matched", "adrc-tuned", "adrc-linear", "adrc-paper"),
-)
+CLASSICAL = (*("dual-mode", "flatness", "lqi", "lqr", "adrc-matched", "adrc-tuned", "adrc-linear", "adrc-paper"),)
 
 PAIRS = 3  # pairwise comparisons on the page, of the best policy with the next ones
 
@@ -56,20 +51,16 @@ def main() -> None:
     comparison = compare((*LEARNED, *CLASSICAL), ["test"], given.episodes, given.seed, CACHE, jobs=given.jobs)
     standings = leaderboard(comparison.table)
     report.write(comparison, standings, DOCS / "results")
-    planned = bound.read(bound.FOLDER / "bound.csv", list(comparison.scenarios), 8, given.seed)
     best, *others = (row.policy for row in standings)
     sentences = [compare_pair(comparison.table, best, other).sentence() for other in others[:PAIRS]]
     page = {
         "provenance": made_by("results", given.episodes, given.seed),
-        "leaderboard": tables.leaderboard_markdown(standings, bound.bound_row(planned, comparison, best)),
+        "leaderboard": tables.leaderboard_markdown(standings),
     }
     pairs = "\n".join(f"- {sentence}" for sentence in sentences)
     fill(DOCS / "results.md", page)
     fill(DOCS / "results/tables.md", {"tuning": tuning(), "pairwise": pairs, "matrix": matrix(comparison)})
-    hover = compare(("dual-mode", "flatness", "adrc-paper", *LEARNED), ["hover", "hover_windy"], 200, given.seed, CACHE)
-    report.write(hover, leaderboard(hover.table), DOCS / "hover")
-    for folder in (DOCS / "results", DOCS / "hover"):  # too large for the repository
-        shutil.move(folder / "episodes.csv", Path("results") / f"{folder.name}_episodes.csv")
+    shutil.move(DOCS / "results/episodes.csv", "results/results_episodes.csv")  # too large for the repository
 
 
 if __name__ == "__main__":

@@ -1,18 +1,16 @@
 """Actuator models: they change the action between the policy and the quadrotor.
 
-Several actuators act in the order in which they are listed: ``[ActionDelay(2), MotorLag(0.05), Rotors()]`` delays the
-policy's action, applies the lag of the motors, and mixes the thrusts of the rotors. The result is an action of
-`QuadPendulumEnv`, that is thrust and torques. The effort term of the reward is computed from this result.
+Several actuators act in the order in which they are listed: ``[ActionDelay(2), MotorLag(0.05)]`` delays the policy's
+action and applies the lag of the motors. The effort term of the reward is computed from the result.
 """
 
-from functools import lru_cache
 from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
-from quadpend_gym.core.models import Model, Registry, Stateless, ZeroInitialized
+from quadpend_gym.core.models import Model, Registry, ZeroInitialized
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.physics.state import ACTION_SIZE
@@ -137,80 +135,7 @@ class GyroBias:
             action[:, 1 + axis] = np.clip(action[:, 1 + axis] - memory[:, axis] / limit, -1.0, 1.0)
 
 
-@ACTUATORS.add
-@settings
-class Rotors(Stateless):
-    """Four rotors: the action sets their thrusts fᵢ = (M + m_c) g/4 · (1 + aᵢ).
-
-    A zero action is hover, and no thrust is negative. The mixing is that of the paper's Section 2,
-
-        u = f₁ + f₂ + f₃ + f₄,   τφ = (f₂ − f₄) d,   τθ = (f₃ − f₁) d,   τψ = κ (f₁ − f₂ + f₃ − f₄),
-
-    where τψ is due to the drag of the rotors. The paper gives no values of d and κ.
-
-    With the inertia of the paper's Table 1, about thirty times that of a real quadrotor, these rotors are too weak to
-    balance the pendulum: use a vehicle with a realistic inertia.
-    """
-
-    arm: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.2  # distance d from the centre to each rotor
-    drag_ratio: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.02  # κ, drag torque divided by thrust
-    kind: Literal["rotors"] = "rotors"
-
-    def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """Replace the thrusts of the rotors by the total thrust and the torques that they produce."""
-        f1, f2, f3, f4 = action.T.copy()
-        for column, (m1, m2, m3, m4) in enumerate(mixing(self, simulation)):
-            action[:, column] = np.clip(m1 * f1 + m2 * f2 + m3 * f3 + m4 * f4, -1.0, 1.0)  # removes rounding errors
-
-
-@lru_cache(maxsize=64)
-def mixing(rotors: Rotors, simulation: Simulation) -> Floats:
-    """Return the matrix that maps the four rotor actions to an action of thrust and torques, shape (4, 4)."""
-    d, k = rotors.arm, rotors.drag_ratio
-    forces = simulation.parameters.hover_thrust / 4.0
-    rows = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, d, 0.0, -d], [-d, 0.0, d, 0.0], [k, -k, k, -k]])
-    matrix = forces * rows / simulation.command_scale[:, np.newaxis]
-    largest = np.abs(matrix).sum(axis=1)
-    if (largest > 1.0 + 1e-12).any():
-        row = int(largest.argmax())
-        name, unit = ("thrust", "N") if row == 0 else ("torque", "N·m")
-        limit = simulation.command_scale[row]
-        raise ValueError(
-            f"the rotors' {name} of up to {limit * largest[row]:g} {unit} exceeds the simulation's limit of"
-            f" {limit:g} {unit}: reduce arm or drag_ratio, or raise the limit"
-        )
-    return np.asarray(matrix)
-
-
-@ACTUATORS.add
-@settings
-class RotorFault(Stateless):
-    """A loss of thrust of one rotor from time `onset` on. A `Rotors` model must follow it in the list."""
-
-    rotor: Annotated[int, Range(1, 4)] = 1  # number of the rotor
-    effectiveness: Annotated[float, Range(0.0, 1.0)] = 0.7  # remaining fraction of its thrust
-    onset: Annotated[float, Range(0.0, 1e6, "s")] = 0.0  # time at which the fault begins
-    kind: Literal["rotor_fault"] = "rotor_fault"
-
-    def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """Reduce the thrust of the faulty rotor."""
-        reduced = self.effectiveness * (1.0 + action[:, self.rotor - 1]) - 1.0
-        is_faulty = step * simulation.period >= self.onset
-        action[:, self.rotor - 1] = np.where(is_faulty, reduced, action[:, self.rotor - 1])
-
-
 def check_chain(models: tuple[Any, ...], simulation: Simulation) -> None:
-    """Refuse actuators that do not fit together in this order, or not to the simulation."""
-    for kind, interface in ((GyroBias, "body_rates"), (Rotors, "wrench")):
-        if simulation.interface != interface and any(isinstance(model, kind) for model in models):
-            raise ValueError(f'{kind.__name__} needs the interface "{interface}", not "{simulation.interface}"')
-    rotors = [i for i, model in enumerate(models) if isinstance(model, Rotors)]
-    if len(rotors) > 1:
-        raise ValueError(f"actuators may contain Rotors only once, not {len(rotors)} times")
-    if rotors:
-        mixing(models[rotors[0]], simulation)
-    for i, model in enumerate(models):
-        if isinstance(model, RotorFault) and not (rotors and i < rotors[0]):
-            raise ValueError(
-                "a RotorFault needs rotors: list it before Rotors, or wrap it around an environment that has Rotors"
-            )
+    """Refuse actuators that do not fit to the simulation."""
+    if simulation.interface != "body_rates" and any(isinstance(model, GyroBias) for model in models):
+        raise ValueError(f'GyroBias needs the interface "body_rates", not "{simulation.interface}"')

@@ -1,24 +1,13 @@
-"""Wrappers for non-ideal conditions and for other observations.
+"""Wrappers that add wind to an environment, or the latest observations and actions to its observation.
 
 Each wrapper exists for a single environment and, with the prefix ``Vector``, for a vector environment.
-
-| wrapper                 | effect                                                   | models                       |
-|-------------------------|----------------------------------------------------------|------------------------------|
-| `WindWrapper`           | adds forces, torques and moving air                      | `quadpend_gym.wind`          |
-| `SensorWrapper`         | adds noise, delay and dropout to the measured state      | `quadpend_gym.sensors`       |
-| `ActuatorWrapper`       | adds rotors, lag, delay, rate limits and faults          | `quadpend_gym.actuators`     |
-| `ParameterWrapper`      | draws the physical parameters of each episode            | `quadpend_gym.randomization` |
-| `OutputFeedbackWrapper` | removes the velocities from the observation              |                              |
-| `HistoryWrapper`        | stacks the latest observations and actions               |                              |
 
 The specification of a single environment contains its wrappers and can be converted to JSON with them. The
 specification of a vector environment contains no wrappers, as with Gymnasium's own vector wrappers, but it contains the
 wind that the environment was made with.
 
-`WindWrapper`, `SensorWrapper`, `ActuatorWrapper` and `ParameterWrapper` change the simulation of the innermost
-environment, a `QuadPendulumEnv` or `QuadPendulumVectorEnv`; the next reset applies the change. Any wrapper in between
-therefore also receives the changed observations, and the changed actuators act on its actions. Env and VectorEnv return
-the same numbers for the same seed.
+`WindWrapper` changes the simulation of the innermost environment, a `QuadPendulumEnv` or `QuadPendulumVectorEnv`; the
+next reset applies the change. Env and VectorEnv return the same numbers for the same seed.
 
 With same-step autoreset, `step` returns the first observation of the next episode for each sub-environment whose
 episode ended. The last observation of the ended episode is in ``info["final_obs"]``, an object array of shape (n,) that
@@ -30,20 +19,15 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from quadpend_gym.actuators import as_actuators
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.core.settings import plain
 from quadpend_gym.envs.spaces import observation_space
 from quadpend_gym.envs.world import world_of
-from quadpend_gym.randomization import as_ranges
 from quadpend_gym.scenarios.scenario import wind_models
-from quadpend_gym.sensors import as_sensors
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
 
 
 def _add_wind(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], wind: Any) -> None:
@@ -68,63 +52,6 @@ class VectorWindWrapper(VectorWrapper):
         _add_wind(env, wind)
 
 
-class SensorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Compute the observation of `env` from measured states; reward, termination and info do not change.
-
-    The sensors are as `gymnasium.make` takes them; those that `env` already has come before them.
-    """
-
-    def __init__(self, env: gym.Env[Any, Any], sensors: Any) -> None:
-        RecordConstructorArgs.__init__(self, sensors=sensors)
-        gym.Wrapper.__init__(self, env)
-        world_of(env).add_sensors(as_sensors(sensors))
-
-
-class VectorSensorWrapper(VectorWrapper):
-    """`SensorWrapper` for a vector environment."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], sensors: Any) -> None:
-        VectorWrapper.__init__(self, env)
-        world_of(env).add_sensors(as_sensors(sensors))
-
-
-class ActuatorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Pass the actions through actuators before they act on `env`; ``info["command"]`` has the resulting command.
-
-    The actuators are as `gymnasium.make` takes them; an action passes those that `env` already has after them.
-    """
-
-    def __init__(self, env: gym.Env[Any, Any], actuators: Any) -> None:
-        RecordConstructorArgs.__init__(self, actuators=actuators)
-        gym.Wrapper.__init__(self, env)
-        world_of(env).add_actuators(as_actuators(actuators))
-
-
-class VectorActuatorWrapper(VectorWrapper):
-    """`ActuatorWrapper` for a vector environment."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], actuators: Any) -> None:
-        VectorWrapper.__init__(self, env)
-        world_of(env).add_actuators(as_actuators(actuators))
-
-
-class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Draw the physical parameters of each episode, see `as_ranges`; ``info["parameters"]`` has the true values."""
-
-    def __init__(self, env: gym.Env[Any, Any], ranges: Any) -> None:
-        RecordConstructorArgs.__init__(self, ranges=ranges)
-        gym.Wrapper.__init__(self, env)
-        world_of(env).draw_parameters(as_ranges(ranges))
-
-
-class VectorParameterWrapper(VectorWrapper):
-    """`ParameterWrapper` for a vector environment."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], ranges: Any) -> None:
-        VectorWrapper.__init__(self, env)
-        world_of(env).draw_parameters(as_ranges(ranges))
-
-
 def last_observations(observation: Floats32, info: dict[str, Any], ended: Booleans) -> Floats32:
     """Return the observations, shape (n, k), that the last step reached, before any same-step autoreset.
 
@@ -143,52 +70,6 @@ def replace_final_observations(info: dict[str, Any], ended: Booleans, last: Floa
     for row in np.flatnonzero(ended):
         final[row] = last[row].copy()
     info["final_obs"], info["_final_obs"] = final, ended
-
-
-def _without_velocities(space: Any) -> spaces.Box:
-    if space.shape != (OBSERVATION_SIZE,):
-        raise ValueError(f"OutputFeedbackWrapper takes {OBSERVATION_SIZE} numbers, not {space}: apply it first")
-    return observation_space(OUTPUT_FEEDBACK_SIZE)
-
-
-class OutputFeedbackWrapper(gym.ObservationWrapper[Any, Any, Any], RecordConstructorArgs):
-    """Remove the velocities from the observation of `env`; the remaining 27 numbers suffice for the paper's controller.
-
-    The removed fields are the rates of tracking error, pendulum direction and attitude. The other fields keep their
-    order. `read_observation` reads them, and raises ValueError for a removed field.
-    """
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        RecordConstructorArgs.__init__(self)
-        gym.ObservationWrapper.__init__(self, env)
-        self.observation_space = _without_velocities(env.observation_space)
-
-    def observation(self, observation: Floats32) -> Floats32:
-        """Return the observation without velocities, shape (27,)."""
-        return np.asarray(observation[OUTPUT_FEEDBACK_COLUMNS])
-
-
-class VectorOutputFeedbackWrapper(VectorWrapper):
-    """`OutputFeedbackWrapper` for a vector environment, in every autoreset mode."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
-        VectorWrapper.__init__(self, env)
-        self.single_observation_space = _without_velocities(env.single_observation_space)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-
-    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
-        """Reset the wrapped environment."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        return observation[:, OUTPUT_FEEDBACK_COLUMNS], info
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step the wrapped environment."""
-        observation, reward, terminated, truncated, info = self.env.step(actions)
-        if "final_obs" in info:
-            ended = terminated | truncated
-            last = last_observations(observation, info, ended)
-            replace_final_observations(info, ended, last[:, OUTPUT_FEEDBACK_COLUMNS])
-        return observation[:, OUTPUT_FEEDBACK_COLUMNS], reward, terminated, truncated, info
 
 
 class _Histories:

@@ -3,7 +3,6 @@
 from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from quadpend_baselines.policy.protocol import Policy
-from quadpend_baselines.policy.rotors import RotorAllocation
 from quadpend_baselines.registry import CONTROLLERS, controller
 
 __all__ = [
@@ -13,6 +12,5 @@ __all__ = [
     "AdrcGains",
     "ObserverGains",
     "Policy",
-    "RotorAllocation",
     "controller",
 ]

@@ -138,24 +138,6 @@ class LqgGains:
 
 
 @settings
-class MppiGains:
-    """Gains of `controllers.mppi`."""
-
-    feedback: LqrGains = LqrGains()  # weights of the cost, and of the linear feedback
-    samples: Annotated[int, Range(3, 63)] = 33  # sampled trajectories of each row, odd
-    horizon: Count = 20  # periods
-    steps_per_period: Count = 2  # integration steps of 0.01 s of a period
-    knots: Annotated[int, Range(2, 1000)] = 5  # knots of the piecewise linear perturbation
-    spread: NotNegative = 0.3  # standard deviation of the perturbation, share of the range of the action
-    temperature: Positive = 0.1  # λ
-    estimator: EstimatorGains = EstimatorGains()
-
-    def __post_init__(self) -> None:
-        if self.samples % 2 == 0:
-            raise ValueError(f"samples must be odd, not {self.samples}")
-
-
-@settings
 class NmpcGains:
     """Gains of `controllers.nmpc`."""
 
@@ -202,7 +184,6 @@ KINDS: dict[str, type] = {
     "flatness": FlatnessGains,
     "dual-mode": DualModeGains,
     "lqg": LqgGains,
-    "mppi": MppiGains,
     "nmpc": NmpcGains,
     "swing-up": SwingUpGains,
 }

@@ -11,7 +11,6 @@ from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.lqr import Lqr
-from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.controllers.swing_up import SwingUp
@@ -27,7 +26,6 @@ _FACTORIES: dict[type, Callable[[Any, Simulation | None], Controller]] = {
     gains.FlatnessGains: partial(OutputFeedback, Flatness),
     gains.DualModeGains: partial(OutputFeedback, DualMode),
     gains.LqgGains: partial(OutputFeedback, Lqg),
-    gains.MppiGains: partial(OutputFeedback, Mppi),
     gains.NmpcGains: partial(OutputFeedback, Nmpc),
     gains.SwingUpGains: SwingUp,
 }

@@ -48,7 +48,6 @@ GALLERY = {
     "motor_lag": "motor_lag",
     "rate_limit": '{"kind": "rate_limit", "rate": 10.0}',
     "gyro_bias": '{"kind": "gyro_bias", "deviation": 1.0}',
-    "rotors": "rotors",
 }
 
 

@@ -86,10 +86,9 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
       scenario's wind. The ids other than ``QuadPendulum-v0`` replace the scenario's task by their own.
     - `task`, `wind`, `vehicle`, `interface`, `latency`, `sensors`, `actuators`, `parameters`, `loop`, `autopilot`,
       `period`, `substeps`, `duration`, `wind_rise`, `output_feedback`: see `Scenario`. ``wind=None`` is no wind.
-    - `render_mode`: ``"human"`` opens a window that runs in real time (the key H lists its keys); with ``"rgb_array"``
-      the method `render` returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs
-      pygame-ce, the extra ``view``. Closing the window, or pressing R in it, truncates the running episode; after
-      the window is closed, later episodes run without one.
+    - `render_mode`: ``"human"`` opens a window that runs in real time; with ``"rgb_array"`` the method `render`
+      returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs pygame-ce, the extra
+      ``view``. Closing the window truncates the running episode; later episodes run without one.
 
     ## Version History
     - v0: first version.

@@ -20,7 +20,6 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import VectorEnv
 
-from quadpend_gym.actuators import check_chain
 from quadpend_gym.autopilots import Betaflight
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.delays import delay
@@ -47,9 +46,8 @@ from quadpend_gym.envs.step_kernel import observe_sensed, step_euler, step_euler
 from quadpend_gym.envs.threads import run_in_threads
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
-from quadpend_gym.randomization import Around, ParameterRanges
+from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
-from quadpend_gym.sensors import check_periods
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_references
 from quadpend_gym.tasks.starts import draw_starts, start_pole
@@ -103,13 +101,12 @@ class World:
         self._reference_ranges = pack(astuple(task.references))
         self._start_settings = pack(astuple(task.start)), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
-        self._parameter_ranges: ParameterRanges | None = None
-        self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
+        ranges, actuators = scenario.parameters, scenario.actuators
+        self._parameter_ranges = ranges.ranges(simulation.parameters) if isinstance(ranges, Around) else ranges
+        self._sensors = ModelBatch(scenario.sensors, num_envs)
+        self._actuators = ModelBatch(actuators, num_envs, range(len(actuators))[::-1])  # the last one has stream 0
+        self._wind_models = ModelBatch((), num_envs)
         self.add_wind(scenario.wind_models)
-        self.add_sensors(scenario.sensors)
-        self.add_actuators(scenario.actuators)
-        if scenario.parameters is not None:
-            self.draw_parameters(scenario.parameters)
 
     def _use_autopilot(self, autopilot: Betaflight) -> None:
         """Let the firmware drive the rotors, in several steps of the kernel in a control period."""
@@ -180,30 +177,6 @@ class World:
             np.concatenate([pack_settings(self.task, self._plant, *arguments), self._trajectories.numbers])
             for arguments in ((self._moves_air, self._plant.simulation.substeps), (False, 0))
         )
-
-    def add_sensors(self, models: tuple[Any, ...]) -> None:
-        """Add sensors after the existing ones. Every sub-environment must then start a new episode."""
-        check_periods(models, self.simulation.period)
-        self._sensors = ModelBatch((*self._sensors.models, *models), self.num_envs)
-        self._require_reset()
-        if models:
-            self.measured[:] = self.state
-
-    def add_actuators(self, models: tuple[Any, ...]) -> None:
-        """Add actuators before the existing ones. Every sub-environment must then start a new episode."""
-        models = (*models, *self._actuators.models)
-        check_chain(models, self.simulation)
-        # The last actuator has stream 0, so one added in front does not change the random numbers of the others.
-        self._actuators = ModelBatch(models, self.num_envs, range(len(models))[::-1])
-        self._require_reset()
-
-    def draw_parameters(self, ranges: ParameterRanges | Around) -> None:
-        """Draw the parameters of every episode from `ranges`. Every sub-environment must then start a new episode."""
-        if self._parameter_ranges is not None:
-            raise ValueError("the parameters are drawn already: give all ranges to one ParameterWrapper")
-        nominal = self.simulation.parameters
-        self._parameter_ranges = ranges.ranges(nominal) if isinstance(ranges, Around) else ranges
-        self._require_reset()
 
     def _require_reset(self) -> None:
         """Mark every sub-environment for reset, and recompute the fields of the info and the size of an outcome."""

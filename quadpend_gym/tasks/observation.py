@@ -58,7 +58,7 @@ _REFERENCE_2, _REFERENCE_3, _REFERENCE_4, _REFERENCE_5, _REFERENCE_6, _YAW_REFER
 def read_observation(observation: Floats32 | Floats, name: str) -> Floats:
     """Return one of `OBSERVATION_FIELDS` in physical units, shape (..., 3), float64.
 
-    Observations have the shape (..., 36), or (..., 27) from `OutputFeedbackWrapper`.
+    Observations have the shape (..., 36), or (..., 27) without velocities.
     """
     fields = _LAYOUTS.get(observation.shape[-1])
     if fields is None:

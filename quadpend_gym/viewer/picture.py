@@ -8,12 +8,15 @@ import numpy as np
 import pygame
 
 from quadpend_gym.core.arrays import Bytes
-from quadpend_gym.viewer import hud, palette, scene
+from quadpend_gym.physics.state import Disturbance
+from quadpend_gym.viewer import palette, scene
 from quadpend_gym.viewer.camera import Camera
-from quadpend_gym.viewer.palette import Colour
+from quadpend_gym.viewer.palette import Colour, blend
+from quadpend_gym.viewer.primitives import write
 from quadpend_gym.viewer.snapshot import Snapshot
 
 SIZE = (640, 480)
+_SMALLEST_TEXT = 11  # pixels; smaller pictures have no text
 _TARGET_BELOW = 0.24  # camera target below the vehicle, divided by the distance, so that the shadow is in the picture
 
 
@@ -34,7 +37,7 @@ class Picture:
         below = np.array([0.0, 0.0, _TARGET_BELOW * camera.distance * np.cos(camera.elevation) - shape.lift])
         view = camera.view(snapshot.state.position - below, *surface.get_size())
         scene.draw(surface, view, snapshot, colour)
-        hud.draw(surface, snapshot, title, colour)
+        _write_numbers(surface, snapshot, title, colour)
 
     def draw_mosaic(self, surface: Any, snapshots: Sequence[Snapshot]) -> None:
         """Draw snapshots side by side; a single one fills the surface."""
@@ -53,6 +56,24 @@ class Picture:
         """Draw snapshots side by side and return the picture, shape (480, 640, 3), uint8."""
         self.draw_mosaic(self._surface, snapshots)
         return surface_to_array(self._surface)
+
+
+def _write_numbers(surface: Any, snapshot: Snapshot, title: str, colour: Colour) -> None:
+    """Write title, time, error, tilt, wind and return into the top left corner of a picture that is large enough."""
+    size = round(min(surface.get_height() / 24.0, surface.get_width() / 22.0))  # pixels
+    if size < _SMALLEST_TEXT:
+        return
+    rows = {
+        "time": f"{snapshot.time:.2f} s",
+        "error": f"{1e3 * snapshot.error:.0f} mm",
+        "tilt": f"{np.degrees(snapshot.tilt):.0f}°",
+        "wind": f"{np.linalg.norm(Disturbance(snapshot.disturbance).force):.2g} N",
+        "return": f"{snapshot.episode_return:.1f}",
+    }
+    write(surface, title, (size, size), round(1.3 * size), blend(colour, palette.INK, 0.15))
+    for i, (name, value) in enumerate(rows.items(), 1 + bool(title)):
+        write(surface, name, (size, size * (i + 0.3)), size, palette.GREY)
+        write(surface, value, (7 * size, size * (i + 0.3)), size, palette.INK, "topright")
 
 
 def surface_to_array(surface: Any) -> Bytes:

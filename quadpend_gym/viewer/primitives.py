@@ -53,11 +53,6 @@ def write(surface: Any, text: str, at: Point, size: int, colour: Colour, anchor:
     surface.blit(rendered, rendered.get_rect(**{anchor: (round(at[0]), round(at[1]))}))
 
 
-def text_width(text: str, size: int) -> float:
-    """Return the width of a line of text, pixels."""
-    return float(_render(text, size, (0, 0, 0)).get_width())
-
-
 @lru_cache(2000)
 def _render(text: str, size: int, colour: Colour) -> Any:
     """Return a line of text in the font that pygame ships, which looks the same on every machine."""

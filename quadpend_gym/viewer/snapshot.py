@@ -32,7 +32,6 @@ class Shape(NamedTuple):
     distance_scale: float = 1.0  # distance of the camera relative to that from the paper's vehicle
     lift: float = 0.0  # height of the point that the camera looks at above that of the paper's vehicle
     metres_per_newton: float = 0.7  # length of the arrow of a force, m/N
-    pole_name: str = "bob"  # name of the ball in the legend
 
 
 PAPER_SHAPE = Shape(ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
@@ -70,7 +69,6 @@ def shape_of(vehicle: Vehicle | None) -> Shape:
         distance_scale,
         max(height - 0.214 * distance, 0.0),  # the tip is just below the upper edge
         PAPER_SHAPE.metres_per_newton * VEHICLES["paper"].weight / vehicle.weight * distance_scale,
-        "pole" if vehicle.pole.inertia > 0.0 else "bob",
     )
 
 

@@ -5,16 +5,12 @@ import pytest
 
 from experiments import samples
 from experiments.pages import DOCS
-from experiments.samples import LARGEST, PAGES, SLOW, VALUES, change, fly, tolerance
+from experiments.samples import LARGEST, PAGES, VALUES, change, fly, tolerance
 
 
 @pytest.mark.parametrize(
     ("page", "policy"),
-    [
-        pytest.param(page, policy, marks=pytest.mark.extras if policy in SLOW else ())
-        for page, (policies, _) in PAGES.items()
-        for policy in policies
-    ],
+    [(page, policy) for page, (policies, _) in PAGES.items() for policy in policies],
 )
 def test_sampled_episodes_have_their_published_survival_and_values(page: str, policy: str) -> None:
     table = pd.read_csv(DOCS / page / "sample.csv")

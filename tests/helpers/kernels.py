@@ -1,10 +1,12 @@
 """Compile the kernels that most tests need, once before several processes run the tests."""
 
+from typing import Any
+
 from quadpend_baselines import controller
 from quadpend_gym import Simulation
 from tests.helpers.controllers import AVAILABLE_CONTROLLERS
 from tests.helpers.envs import make, make_vec
-from tests.helpers.wrappers import STACKS, wrapped
+from tests.helpers.wrappers import STACKS, make_wrapped, make_wrapped_vec
 
 RIGID = Simulation(vehicle="hummingbird", interface="body_rates", latency=0.015)
 TRAJECTORY = {"kind": "waypoints", "times": [0, 2], "points": [[0, 0, 2], [1, 0, 2]]}
@@ -12,8 +14,8 @@ TRAJECTORY = {"kind": "waypoints", "times": [0, 2], "points": [[0, 0, 2], [1, 0,
 
 def compile_kernels() -> None:
     """Step one row and several rows, whose arrays can have another memory layout, and call every controller."""
-    envs = [wrapped(make(), layers) for layers in STACKS.values()]
-    envs += [wrapped(make_vec(3), layers) for layers in STACKS.values()]
+    envs: list[Any] = [make_wrapped(layers) for layers in STACKS.values()]
+    envs += [make_wrapped_vec(3, layers) for layers in STACKS.values()]
     for simulation in (Simulation(), RIGID):
         for task in ("track", {"trajectory": TRAJECTORY}):
             envs += [make(simulation=simulation, task=task), make_vec(3, simulation=simulation, task=task)]

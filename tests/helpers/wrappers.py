@@ -1,4 +1,4 @@
-"""Stacks of wrappers as data, for single and for vector environments."""
+"""Parts of environments and stacks of wrappers as data, for single and for vector environments."""
 
 from typing import Any
 
@@ -6,13 +6,13 @@ import gymnasium as gym
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from quadpend_gym import Dryden, Limits, Task, wrappers
-from quadpend_gym.actuators import ActionDelay, MotorLag, PacketLoss, RateLimit, RotorFault, Rotors
+from quadpend_gym.actuators import ActionDelay, MotorLag, PacketLoss, RateLimit
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Delay, Dropout, Noise, SampleHold
 from tests.helpers.envs import AUTORESET_MODES, draw_actions, make, make_vec
 
-Layers = list[tuple[Any, ...]]  # name and arguments of each wrapper, the innermost first
+Layers = list[tuple[Any, ...]]  # name and value of a part, or name and arguments of a wrapper, the innermost first
 
 NOISE = Noise(
     position={"white": 0.002, "bias": 0.01, "walk": 0.01, "quantum": 0.001},
@@ -25,13 +25,10 @@ NOISE = Noise(
 RANGES = Around(0.2)
 WIND = ("WindWrapper", "storm")
 TURBULENCE = ("WindWrapper", Dryden("moderate"))
-SENSORS = ("SensorWrapper", [NOISE, Dropout(0.2), SampleHold(0.02), Delay(2)])
-ACTUATORS = (
-    "ActuatorWrapper",
-    [PacketLoss(0.2), ActionDelay(2), RateLimit(50.0), MotorLag(0.03), RotorFault(3, 0.8, 0.05), Rotors(1.2)],
-)
-PARAMETERS = ("ParameterWrapper", RANGES)
-OUTPUTS = ("OutputFeedbackWrapper",)
+SENSORS = ("sensors", [NOISE, Dropout(0.2), SampleHold(0.02), Delay(2)])
+ACTUATORS = ("actuators", [PacketLoss(0.2), ActionDelay(2), RateLimit(50.0), MotorLag(0.03)])
+PARAMETERS = ("parameters", RANGES)
+OUTPUTS = ("output_feedback", True)
 HISTORY = ("HistoryWrapper", 3, 2)
 
 STACKS: dict[str, Layers] = {
@@ -42,16 +39,13 @@ STACKS: dict[str, Layers] = {
     "outputs": [OUTPUTS],
     "history": [HISTORY],
     "outputs, history": [OUTPUTS, HISTORY],
-    "all, the simulation inside": [TURBULENCE, PARAMETERS, ACTUATORS, SENSORS, OUTPUTS, HISTORY],
-    "all, the simulation outside": [OUTPUTS, HISTORY, SENSORS, WIND, ACTUATORS, PARAMETERS],
-    "all, mixed and some twice": [
-        ("ActuatorWrapper", [MotorLag(), Rotors()]),
-        ("SensorWrapper", Delay()),
+    "all": [TURBULENCE, PARAMETERS, ACTUATORS, SENSORS, OUTPUTS, HISTORY],
+    "some wrappers twice": [
+        ("actuators", [MotorLag(), {"kind": "action_delay"}]),
+        ("sensors", [Delay(), {"kind": "noise", "position": 0.01}]),
         TURBULENCE,
         ("HistoryWrapper", 1, 1),
         PARAMETERS,
-        ("ActuatorWrapper", {"kind": "action_delay"}),
-        ("SensorWrapper", {"kind": "noise", "position": 0.01}),
         ("WindWrapper", "breeze"),
         ("HistoryWrapper", 2),
     ],
@@ -63,23 +57,27 @@ SHORT: dict[str, Any] = {
 }
 
 
-def wrapped(env: Any, layers: Layers) -> Any:
-    """Return `env`, an Env or a VectorEnv, inside wrappers, the first of them innermost."""
+def _parts(layers: Layers) -> dict[str, Any]:
+    return {name: arguments[0] for name, *arguments in layers if not name.endswith("Wrapper")}
+
+
+def _wrapped(env: Any, layers: Layers) -> Any:
     prefix = "Vector" if isinstance(env, VectorEnv) else ""
     for name, *arguments in layers:
-        env = getattr(wrappers, prefix + name)(env, *arguments)
+        if name.endswith("Wrapper"):
+            env = getattr(wrappers, prefix + name)(env, *arguments)
     return env
 
 
 def make_wrapped(layers: Layers, **kwargs: Any) -> gym.Env[Any, Any]:
-    """Return a single environment inside wrappers."""
-    env: gym.Env[Any, Any] = wrapped(make(**kwargs), layers)
+    """Return a single environment with parts, inside wrappers."""
+    env: gym.Env[Any, Any] = _wrapped(make(**_parts(layers), **kwargs), layers)
     return env
 
 
 def make_wrapped_vec(rows: int, layers: Layers, **kwargs: Any) -> VectorEnv[Any, Any, Any]:
-    """Return the native vector environment inside wrappers."""
-    env: VectorEnv[Any, Any, Any] = wrapped(make_vec(rows, **kwargs), layers)
+    """Return the native vector environment with parts, inside wrappers."""
+    env: VectorEnv[Any, Any, Any] = _wrapped(make_vec(rows, **_parts(layers), **kwargs), layers)
     return env
 
 

@@ -20,7 +20,7 @@ KNOWN = {**packages_distributions(), "tomli": ["tomli"], "pydantic_core": ["pyda
 EXTRAS = {
     "quadpend_gym": ("view", "mpc", "gpu"),
     "baselines": ("train", "mpc", "control"),
-    "train": ("train", "view", "mpc", "cluster", "logs"),
+    "train": ("train", "view", "mpc", "cluster", "logs", "onnx"),
     "benchmarks": ("train", "view", "dev", "peers"),
     "experiments": ("train", "view", "dev", "mpc", "peers"),
     "tests": ("train", "view", "dev", "docs", "cluster", "control"),

@@ -82,22 +82,16 @@ def test_the_numbers_of_the_task_equal_those_of_the_code() -> None:
     assert f"exceeds {Limits().tracking_error:g} m" in TASKS
 
 
-def test_the_readme_is_short_and_its_results_are_those_of_the_flight_benchmark() -> None:
+def test_the_results_in_the_readme_are_those_of_the_flight_benchmark() -> None:
     flight = (DOCS / "flight.md").read_text(encoding="utf-8")
     (table,) = re.findall(r"<!-- begin flight -->\n(.*?)<!-- end flight -->", README, re.DOTALL)
     ranked = {tuple(row[:3]) for row in rows(flight, 9)}
     ours = [tuple(row[:3]) for row in rows(table, 6)]
     assert "adrc-paper" in {policy for _, policy, _ in ours}
-    assert len(ours[2:]) <= 10  # below the heading
     assert set(ours) <= ranked
-    assert len(README.splitlines()) <= 130
 
 
-def test_the_pages_are_short_and_the_copies_of_their_tables_equal() -> None:
-    pages = {page: page.read_text(encoding="utf-8") for page in [ROOT / "README.md", *DOCS.glob("*.md")]}
-    words = {page.name: len(text.split()) for page, text in pages.items()}
-    assert sum(words.values()) <= 30_000
-    assert max(words.values()) <= 2500, max(words, key=words.__getitem__)
+def test_the_copies_of_the_ranking_are_equal() -> None:
     ranking = [
         re.search(r"<!-- begin flight-ranking -->.*?<!-- end", (DOCS / name).read_text(encoding="utf-8"), re.DOTALL)
         for name in ("flight.md", "flight/tables.md")

@@ -1,4 +1,4 @@
-"""Actuator models: delay, lag, rate limit, rotors, faults and gyro bias, and the order in which they act."""
+"""Actuator models: delay, lag, rate limit, packet loss and gyro bias, and the order in which they act."""
 
 from typing import Any
 
@@ -15,15 +15,12 @@ from quadpend_gym.actuators import (
     MotorLag,
     PacketLoss,
     RateLimit,
-    RotorFault,
-    Rotors,
     as_actuators,
 )
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
-from tests.helpers.envs import AT_REST, ENDLESS, WINDY, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
-from tests.helpers.invariants import momentum
+from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
 
 PERIOD = Simulation().period
 HUMMINGBIRD: dict[str, Any] = {"vehicle": "hummingbird", "interface": "body_rates"}
@@ -31,8 +28,7 @@ CHAINS: dict[str, Any] = {
     "delay": ActionDelay(3),
     "lag": MotorLag(0.02),
     "rate limit": RateLimit(30.0),
-    "rotors": Rotors(),
-    "all": [ActionDelay(2), RateLimit(50.0), MotorLag(0.03), RotorFault(2, 0.5, onset=0.05), Rotors()],
+    "all": [ActionDelay(2), RateLimit(50.0), MotorLag(0.03)],
 }
 chains = pytest.mark.parametrize("actuators", CHAINS.values(), ids=CHAINS.keys())
 
@@ -123,42 +119,6 @@ def test_a_lost_command_is_replaced_by_the_last_one_that_arrived() -> None:
     before = np.concatenate([np.zeros((1, 20, 4)), out[:-1]])  # hover before the first command
     assert_array_equal(out[~arrived], before[~arrived])
     assert (~arrived).mean() == pytest.approx(0.2, abs=5.0 * np.sqrt(0.2 * 0.8 / arrived.size))
-
-
-# Positions of the rotors (m) and signs of their drag torques: front, left, back, right.
-ARM, DRAG_RATIO = 0.15, 0.03
-POSITIONS = ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-DRAG_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
-
-
-def thrust_and_torques(forces: Floats) -> Floats:
-    """Return the sum of four upward forces (N) at the rotors, and their moments about the centre (N·m), shape (4,)."""
-    upward = np.multiply.outer(forces, [0.0, 0.0, 1.0])
-    moments = np.cross(POSITIONS, upward) + (DRAG_SIGNS * DRAG_RATIO)[:, np.newaxis] * upward
-    return np.array([forces.sum(), *moments.sum(axis=0)])
-
-
-@pytest.mark.parametrize("action", [*np.eye(4), *-np.eye(4), *draw_actions(1, 4)])
-def test_rotors_act_on_the_body_like_forces_at_their_positions(action: Floats) -> None:
-    """Thrust and torques are measured as the change of momentum and body rates in a short step from rest."""
-    env = make_unwrapped(period=1e-4, actuators=Rotors(ARM, DRAG_RATIO))
-    env.reset(seed=0, options={"state": AT_REST})
-    env.step(action)
-    p, state = PAPER, env.state
-    lift = momentum(state.array, p)[2] / 1e-4 + p.hover_thrust
-    torques = state.euler_rate / 1e-4 * [p.inertia_roll, p.inertia_pitch, p.inertia_yaw]
-    forces = p.hover_thrust / 4.0 * (1.0 + action)  # 0 … W/2 each
-    assert_allclose([lift, *torques], thrust_and_torques(forces), rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("rotor", [1, 2, 3, 4])
-def test_a_rotor_fault_reduces_the_thrust_from_the_step_of_its_onset_on(rotor: int) -> None:
-    onset, effectiveness = 29, 0.6
-    actions = draw_actions(0, 40, 2).astype(np.float64)
-    thrusts = 1.0 + actions  # in quarters of the weight
-    thrusts[onset:, :, rotor - 1] *= effectiveness
-    faulty = apply_actuators([RotorFault(rotor, effectiveness, onset=onset * PERIOD), Rotors()], actions)
-    assert_allclose(faulty, apply_actuators(Rotors(), thrusts - 1.0), atol=1e-14)
 
 
 def test_a_gyro_bias_shifts_the_commanded_rates_of_an_episode() -> None:

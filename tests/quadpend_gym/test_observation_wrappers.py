@@ -11,10 +11,7 @@ from stable_baselines3 import PPO
 from quadpend_baselines import ADRC
 from quadpend_gym import OBSERVATION_FIELDS, Reference, read_observation
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.wrappers import (
-    HistoryWrapper,
-    OutputFeedbackWrapper,
-)
+from quadpend_gym.wrappers import HistoryWrapper
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from tests.helpers.envs import draw_actions, make_unwrapped, run_actions
 from tests.helpers.wrappers import (
@@ -45,7 +42,7 @@ def test_output_feedback_keeps_every_field_but_the_velocities() -> None:
 
 
 def test_states_that_differ_only_in_velocities_give_the_same_observation() -> None:
-    env: Any = OutputFeedbackWrapper(make_unwrapped())
+    env = make_unwrapped(output_feedback=True)
     still, moving = (
         env.reset(
             seed=0,
@@ -62,7 +59,7 @@ def test_states_that_differ_only_in_velocities_give_the_same_observation() -> No
 @pytest.mark.parametrize("gains", ["paper", "matched"])
 def test_the_papers_controller_uses_no_velocities(gains: str) -> None:
     """Its actions on 27 numbers equal those on 36."""
-    layers = [("WindWrapper", "breeze"), ("SensorWrapper", NOISE)]
+    layers = [("WindWrapper", "breeze"), ("sensors", NOISE)]
     whole, outputs = make_wrapped_vec(3, layers), make_wrapped_vec(3, [*layers, OUTPUTS])
     controller, memories = ADRC(gains), [None, None]
     observations = [whole.reset(seed=0)[0], outputs.reset(seed=0)[0]]
@@ -119,7 +116,7 @@ def test_histories_work_for_other_environments() -> None:
 
 
 def test_ppo_trains_on_histories_of_measured_outputs() -> None:
-    layers = [("SensorWrapper", NOISE), OUTPUTS, ("HistoryWrapper", 4, 2)]
+    layers = [("sensors", NOISE), OUTPUTS, ("HistoryWrapper", 4, 2)]
     env = SB3VecEnv(make_wrapped_vec(4, layers, autoreset_mode="SameStep", max_episode_steps=6))
     model = PPO("MlpPolicy", env, n_steps=8, batch_size=16, n_epochs=1, device="cpu", seed=0).learn(64)
     single = make_wrapped(layers)

@@ -19,9 +19,8 @@ from stable_baselines3.common.env_util import make_vec_env
 from quadpend_gym import Waypoints
 from quadpend_gym.actuators import ActionDelay, GyroBias, PacketLoss
 from quadpend_gym.core.arrays import Booleans
-from quadpend_gym.sensors import Noise
 from quadpend_gym.vehicles import VEHICLES
-from quadpend_gym.wrappers import SensorWrapper
+from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.envs import (
     AUTORESET_MODES,
     assert_same,
@@ -49,7 +48,7 @@ ROWS, STEPS = 5, 50
 TRAJECTORY = Waypoints((0, 0.15, 0.4), ((0, 0, 2), (4e-6, 0, 2, 1e-3), (2e-5, 2e-5, 2.0002)))
 RIGID = [name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid"]
 RATES = {"vehicle": "x500", "interface": "body_rates", "latency": 0.035}
-REAL = [TURBULENCE, PARAMETERS, ("ActuatorWrapper", [PacketLoss(0.2), ActionDelay(), GyroBias(0.1)]), SENSORS]
+REAL = [TURBULENCE, PARAMETERS, ("actuators", [PacketLoss(0.2), ActionDelay(), GyroBias(0.1)]), SENSORS]
 CASES: dict[str, tuple[Layers, dict[str, Any]]] = {
     "none": ([], SHORT),
     **{name: (layers, SHORT) for name, layers in STACKS.items()},
@@ -165,24 +164,6 @@ def test_copy_made_during_an_episode_continues_identically(layers: Layers, clone
         assert_same(duplicate.reset(), env.reset())
 
 
-@pytest.mark.parametrize(("name", "models"), [SENSORS, ACTUATORS])
-def test_nested_wrappers_equal_one_wrapper_with_a_list(name: str, models: list[Any]) -> None:
-    """Measurements pass from the inner to the outer wrapper, actions from the outer to the inner one."""
-    inside_out = models if name == "SensorWrapper" else models[::-1]
-    nested = make_wrapped([(name, model) for model in inside_out])
-    flat = make_wrapped([(name, models)])
-    assert_same(nested.reset(seed=0), flat.reset(seed=0))
-    actions = draw_actions(0, 30)
-    assert_same(run_actions(nested, actions), run_actions(flat, actions))
-
-
-def test_wind_sensor_actuator_and_parameter_wrappers_commute() -> None:
-    one, other = (make_wrapped(list(order), **SHORT) for order in (WORLD.values(), reversed(WORLD.values())))
-    assert_same(one.reset(seed=0), other.reset(seed=0))
-    actions = draw_actions(0, 15)
-    assert_same(run_actions(one, actions), run_actions(other, actions))
-
-
 @pytest.mark.parametrize("added", WORLD.values(), ids=WORLD.keys())
 def test_every_part_has_its_own_random_stream(added: Any) -> None:
     """What is drawn for the other parts of an episode is the same without it, also after other actions."""
@@ -200,8 +181,8 @@ def test_every_part_has_its_own_random_stream(added: Any) -> None:
         run_actions(whole, draw_actions(0, 3, 5)), run_actions(fewer, draw_actions(1, 5, 5))
 
 
-@pytest.mark.parametrize("wrapper", [None, SensorWrapper])
+@pytest.mark.parametrize("wrapper", [None, WindWrapper])
 def test_stable_baselines3_makes_its_own_vector_of_them(wrapper: Any) -> None:
-    kwargs = {"sensors": Noise(position=0.01)} if wrapper else None
+    kwargs = {"wind": "breeze"} if wrapper else None
     envs = make_vec_env("QuadPendulum-v0", 2, wrapper_class=wrapper, wrapper_kwargs=kwargs)
     assert envs.reset().shape == (2, 36)

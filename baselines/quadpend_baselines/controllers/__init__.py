@@ -1,1 +1,1 @@
-"""Classical controllers: ADRC, flatness-based control, LQR, LQI, MPPI and nonlinear MPC."""
+"""Classical controllers: ADRC, flatness-based control, LQR, LQI and nonlinear MPC."""

@@ -14,7 +14,6 @@ import numpy as np
 
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.policy.protocol import Policy, PolicyWrapper
-from quadpend_baselines.policy.rotors import allocate_rotors
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.plants import RigidPlant, plant_of
@@ -57,13 +56,13 @@ class Controller(Policy):
         raise NotImplementedError
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return the controller designed for a scenario, its known loop, a hanging pendulum and rotors."""
+        """Return the controller designed for a scenario, its known loop and a hanging pendulum."""
         simulation, loop = scenario.simulation, Loop.known(scenario)
         if scenario.task.pendulum != "hanging":
-            return allocate_rotors(self.designed_for(simulation, loop), scenario)
+            return self.designed_for(simulation, loop)
         if not self.flies_load:
-            raise ValueError("of the classical controllers, only flatness, lqr, lqi, dual-mode and mppi fly a load")
-        return allocate_rotors(Hanging(self.designed_for(mirror_simulation(simulation), loop)), scenario)
+            raise ValueError("of the classical controllers, only flatness, lqr, lqi and dual-mode fly a load")
+        return Hanging(self.designed_for(mirror_simulation(simulation), loop))
 
 
 def mirror_simulation(simulation: Simulation) -> Simulation:

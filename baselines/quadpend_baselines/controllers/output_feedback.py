@@ -10,7 +10,6 @@ from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.lqr import Lqr
-from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.estimation.estimator import Estimate, Estimator, measurement_from_observation, observation_of
 from quadpend_baselines.estimation.loop import Loop
@@ -58,10 +57,10 @@ class OutputFeedback(Controller):
     ) -> None:
         super().__init__(gains, simulation, loop)
         self.make_law, self._law = make_law, make_law(self.gains, self.simulation)
-        self.has_linear_model = not isinstance(self._law, Mppi | Nmpc)
+        self.has_linear_model = not isinstance(self._law, Nmpc)
         self.estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
         self.has_bandwidth_scale = isinstance(self._law, Flatness)
-        self.flies_load = isinstance(self._law, Flatness | Lqr | DualMode | Mppi)  # those that were tested with a load
+        self.flies_load = isinstance(self._law, Flatness | Lqr | DualMode)  # those that were tested with a load
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "OutputFeedback":
         """Return the same controller, designed for another nominal simulation and loop."""

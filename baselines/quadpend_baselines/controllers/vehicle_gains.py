@@ -28,7 +28,6 @@ from quadpend_baselines.gains import (
     FlatnessGains,
     LqgGains,
     LqrGains,
-    MppiGains,
     NmpcGains,
     ObserverGains,
     SwingUpGains,
@@ -82,8 +81,6 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
         factors["bob_force_walk"] = factors["gust_walk"] = rate**0.5 * other.bob_mass / tuned.bob_mass
         factors["torque_walk"] = rate**2.5 * other.inertia_roll / tuned.inertia_roll
         factors["torque_noise"] = rate**1.5 * other.inertia_roll / tuned.inertia_roll
-    if isinstance(gains, MppiGains):
-        gains = replace(gains, steps_per_period=max(round(gains.steps_per_period / rate), 1))
     present = {path: attrgetter(path)(gains) for path in factors}
     gains = replace_gains(gains, {path: factors[path] * gain for path, gain in present.items() if gain is not None})
     parts = {field.name: getattr(gains, field.name) for field in fields(gains)}

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, Rotors, lag_shares
+from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.state import ACTION_SIZE
@@ -48,11 +48,7 @@ class Loop:
 
     @classmethod
     def of(cls, sensors: Iterable[Any] = (), actuators: Iterable[Any] = ()) -> "Loop":
-        """Return the known part of a loop; other models of sensors and actuators, such as biases, are left out.
-
-        With `Rotors`, delays and lags act on the thrusts of the rotors, which is the same as on thrust and torques;
-        rate limits are then left out.
-        """
+        """Return the known part of a loop; other models of sensors and actuators, such as biases, are left out."""
         models, sensors = tuple(actuators), tuple(sensors)
         noise = np.zeros(3)
         for model in sensors:
@@ -60,11 +56,9 @@ class Loop:
                 a, b = model.level or (1.0, 1.0)
                 white = np.array([model.position.white, model.euler.white, model.direction.white])
                 noise += white**2 * (a * a + a * b + b * b) / 3.0
-        mixed = any(isinstance(model, Rotors) for model in models)
-        known = MotorLag if mixed else MotorLag | RateLimit
         return cls(
             sum(model.steps for model in models if isinstance(model, ActionDelay)),
-            tuple(model for model in models if isinstance(model, known)),
+            tuple(model for model in models if isinstance(model, MotorLag | RateLimit)),
             sum(model.steps for model in sensors if isinstance(model, Delay)),
             tuple(np.sqrt(noise).tolist()),
         )

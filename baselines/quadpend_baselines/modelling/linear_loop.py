@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 from quadpend_baselines.modelling.linear_model import EULER, EULER_RATE, MODEL_STATE_SIZE, STATE_COLUMNS
 from quadpend_baselines.policy.protocol import select_rows
 from quadpend_gym import Simulation, engines
-from quadpend_gym.actuators import ActionDelay, MotorLag, Rotors, lag_shares, mixing
+from quadpend_gym.actuators import ActionDelay, MotorLag, lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
@@ -110,8 +110,6 @@ def vehicle_model(scenario: Scenario) -> Any:
             mean, left = lag_shares(period / model.time_constant)
             actuators = control.ss(left * one, (1.0 - left) * one, mean * one, (1.0 - mean) * one, period) * actuators
             names += _names(lag=ACTION_SIZE)
-        elif isinstance(model, Rotors):
-            actuators = mixing(model, scenario.simulation) * actuators
     A, B_action, B_wind = _jacobians(scenario.simulation, scenario.task.side)
     C = np.vstack([_observed("tracking_error", scenario)[1], np.eye(MODEL_STATE_SIZE)[np.isin(_STATES, measured)]])
     C = np.pad(C, ((0, 0), (0, len(A) - MODEL_STATE_SIZE)))

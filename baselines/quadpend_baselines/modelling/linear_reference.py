@@ -124,7 +124,7 @@ def linear_problem(scenario: Scenario) -> LinearProblem:
     if not scenario.loop_known or scenario.loop is not None:
         raise _refuse("an unknown loop")
     for model in scenario.actuators:
-        if isinstance(model, actuators.PacketLoss | actuators.GyroBias | actuators.RotorFault):
+        if isinstance(model, actuators.PacketLoss | actuators.GyroBias):
             raise _refuse(f"the actuator {model.kind!r}")
     shapings = _shapings(scenario.wind_models, scenario.period, np.ones(WIND_SIZE))
     if not shapings:

@@ -16,19 +16,17 @@ The state x of the plant is the state of the environment (`quadpend_gym.physics.
 `engines.step_function` and the memories y of the lags, four numbers each.
 """
 
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from quadpend_baselines.planning.episode import Flight, KnownEpisode, tracked_point
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import initial_memory, lift, step_function
 from quadpend_gym.physics.dynamics import thrust_axis
-from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_FIELDS, STATE_SIZE
+from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.tasks.task import Limits
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
@@ -44,6 +42,29 @@ _OPTIONS: Any = {
     "print_time": False,
     "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-5, "constr_viol_tol": 1e-6, "max_iter": MAX_ITERATIONS},
 }
+
+
+class KnownEpisode(NamedTuple):
+    """An episode of N control steps, without the actions."""
+
+    start: Floats  # first state, shape (18,)
+    parameters: Floats  # physical parameters in the order of `Parameters.as_array`, shape (9,)
+    wind: Floats  # wind over each control period, laid out as in `quadpend_gym.wind`, shape (N, 12)
+    target: Floats  # point to track after each step: x and y of the bob and height of the quadrotor, m, shape (N, 3)
+
+
+class Flight(NamedTuple):
+    """States and actions of a flight of n steps, which ends early if it falls."""
+
+    states: Floats  # shape (n + 1, 18)
+    actions: Floats  # actions of the policy, shape (n, 4)
+
+
+def tracked_point(state: Floats, parameters: Floats) -> Floats:
+    """Return x and y of the bob and the height of the quadrotor, m, shape (..., 3), of states, shape (..., 18)."""
+    s = State(state)
+    bob = s.position + parameters[ROD_LENGTH] * s.direction
+    return np.concatenate([bob[..., :2], s.position[..., 2:]], axis=-1)
 
 
 class Plant(NamedTuple):
@@ -127,9 +148,8 @@ class Transcription:
         cost = weight * ca.sumsqr(error) + ca.dot(ca.DM(ACTION_WEIGHTS), a**2) / steps
         upright = lift(thrust_axis)(Vec3(*ca.vertsplit(euler))).z
         limited = ca.vertcat(upright, ca.sumsqr(error))
-        self._stage = _Stage(v, ca.vertcat(known, target, weight), y, _SCALE * cost, limited)
-        self._jacobian = ca.Function("linearised", [v, known], [ca.jacobian(y, v)], {"cse": True}).map(steps)
-        self._solver = _solver(self._stage, steps)
+        stage = _Stage(v, ca.vertcat(known, target, weight), y, _SCALE * cost, limited)
+        self._solver = _solver(stage, steps)
 
     def guess(self, flight: Flight, episode: KnownEpisode) -> tuple[Floats, Floats]:
         """Return states of the plant and actions after the delay to begin with, from a flight that may end early.
@@ -173,13 +193,6 @@ class Transcription:
         rmse = float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
         return Solution(x, a, rmse, str(stats["return_status"]), int(stats["iter_count"]))
 
-    def linearise(self, episode: KnownEpisode, solution: Solution) -> tuple[Floats, Floats]:
-        """Return the derivatives of f along a solution with respect to x and a, shapes (N, n, n) and (N, n, 4)."""
-        size, v = self.plant.state_size, np.hstack([solution.states[:-1], solution.actions])
-        blocks = np.array(self._jacobian(v.T, self._numbers(episode)[:-1, :KNOWN_SIZE].T))
-        stacked = blocks.reshape(size, self.steps, size + ACTION_SIZE).transpose(1, 0, 2)
-        return np.ascontiguousarray(stacked[..., :size]), np.ascontiguousarray(stacked[..., size:])
-
     def _numbers(self, episode: KnownEpisode) -> Floats:
         """Return wind, parameters, target and weight of the error of each stage, shape (N + 1, 25)."""
         out = np.zeros((self.steps + 1, KNOWN_SIZE + 4))
@@ -201,9 +214,6 @@ class Transcription:
             fixed[0, :size] = np.hstack([start, self.plant.memories(start[np.newaxis], np.zeros((0, ACTION_SIZE)))[0]])
             fixed[: self.plant.delay, size:] = fixed[-1, size:] = 0.0
         return lowest, highest
-
-
-transcription = lru_cache(maxsize=8)(Transcription)  # built once for equal arguments
 
 
 class _Stage(NamedTuple):

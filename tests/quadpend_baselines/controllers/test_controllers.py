@@ -151,4 +151,3 @@ def test_gains_scale_with_the_time_constant_of_the_pendulum() -> None:
     assert flatness.attitude_bandwidth == pytest.approx(0.5 * GAINS["flatness"].attitude_bandwidth)
     assert flatness.damping == GAINS["flatness"].damping
     assert lqr.position == pytest.approx(4.0 * GAINS["lqr"].position)
-    assert scale_gains(GAINS["mppi"], p, slow).steps_per_period == 2 * GAINS["mppi"].steps_per_period

@@ -47,7 +47,7 @@ from tests.helpers.physics import UNEQUAL
 
 # Gains with a short memory, below one second, and those of the controllers.
 FAST = EstimatorGains(noise=1e-3, rate_noise=1e-2, force_walk=2.0, bob_force_walk=0.5, torque_walk=0.5)
-ALL_GAINS = {"fast": FAST} | {name: GAINS[name].estimator for name in ("lqr", "flatness", "mppi")}
+ALL_GAINS = {"fast": FAST} | {name: GAINS[name].estimator for name in ("lqr", "flatness")}
 every_gain = pytest.mark.parametrize("gains", ALL_GAINS.values(), ids=ALL_GAINS.keys())
 every_measurement = pytest.mark.parametrize("has_rates", [True, False], ids=["all states", "outputs"])
 CIRCLE = Reference(

@@ -16,7 +16,6 @@ from quadpend_baselines.gains import GAINS
 from quadpend_gym import PAPER, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Booleans, Floats
-from quadpend_gym.wrappers import VectorActuatorWrapper, VectorParameterWrapper, VectorSensorWrapper
 from tests.helpers.controllers import HOVER, make_vec_of, measurement_of
 
 DELAYED = (ActionDelay(3), MotorLag(0.02))
@@ -45,11 +44,9 @@ def fly(
     reference: Reference = CIRCLE,
 ) -> Flight:
     """Fly a controller that knows a simulation and a loop of sensors and actuators, in calm air."""
-    env: Any = make_vec_of(simulation, 4)
-    world, (sensors, actuators) = env.world, loop
-    env = VectorParameterWrapper(env, parameters) if parameters else env
-    env = VectorActuatorWrapper(env, actuators) if actuators else env
-    env = VectorSensorWrapper(env, sensors) if sensors else env
+    sensors, actuators = loop
+    env = make_vec_of(simulation, 4, sensors=sensors, actuators=actuators, parameters=parameters)
+    world = env.world
     policy = policy.designed_for(simulation, Loop.of(sensors, actuators))
     observation, _ = env.reset(seed=3, options={"reference": reference})
     memory, memories, states, standing = None, [], [], np.ones(4, np.bool_)

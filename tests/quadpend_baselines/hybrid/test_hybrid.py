@@ -23,7 +23,6 @@ from quadpend_baselines.hybrid import (
 from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Constant, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay
-from quadpend_gym.wrappers import VectorActuatorWrapper, VectorOutputFeedbackWrapper
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.controllers import HybridPolicy, constant, run_policy, zero_action
 from tests.helpers.envs import assert_same, make_vec
@@ -38,8 +37,7 @@ feedbacks = pytest.mark.parametrize("outputs", [False, True], ids=["whole", "out
 @observers
 @feedbacks
 def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(name: str, outputs: bool) -> None:
-    env: Any = make_vec(5, wind="windy", **SAME_STEP)
-    env = VectorOutputFeedbackWrapper(env) if outputs else env
+    env = make_vec(5, wind="windy", output_feedback=outputs, **SAME_STEP)
     observation, _ = env.reset(seed=0)
     policy: Any = controller(name)
     action, known = policy.predict(observation)
@@ -66,7 +64,7 @@ def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(n
 
 def test_policy_that_acts_alone_observes_the_state_in_which_its_action_acts() -> None:
     """With a known delay of two steps, the observation of two steps later."""
-    env = VectorActuatorWrapper(make_vec(3), ActionDelay(2))
+    env = make_vec(3, actuators=ActionDelay(2))
     hybrid = EstimateOnly("flatness").designed_for(Simulation(), Loop(delay=2))
     observation, memory, observed, true = env.reset(seed=0)[0], None, [], []
     for step in range(20):
@@ -85,8 +83,8 @@ def test_zero_residual_is_the_base_controller_alone(name: str, outputs: bool) ->
     """Exactly, in every sub-environment, across the ends of episodes."""
     runs = []
     for policy in (controller(name), HybridPolicy(ResidualAction(name, 0.7))):
-        env: Any = make_vec(6, wind="windy", **SAME_STEP, **SHORT)
-        runs.append(run_policy(policy, VectorOutputFeedbackWrapper(env) if outputs else env, 70))
+        env = make_vec(6, wind="windy", output_feedback=outputs, **SAME_STEP, **SHORT)
+        runs.append(run_policy(policy, env, 70))
     assert_same(runs[0][0], runs[1][0])
     assert_same([part[:4] for part in runs[0][1]], [part[:4] for part in runs[1][1]])
     assert np.sum([part[2] | part[3] for part in runs[0][1]]) >= 12

@@ -6,15 +6,14 @@ import numpy as np
 from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_gym.sensors import Noise
-from quadpend_gym.wrappers import VectorSensorWrapper
 
 HYBRID = {"kind": "estimate_only", "base_controller": "flatness", "situation": True}
 
 
 def flown(wind=None, noise=None):
     """Return the situation that a policy observes when the flatness-based controller flies."""
-    env = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=3, wind=wind)
-    env = VectorHybridWrapper(VectorSensorWrapper(env, noise) if noise else env, HYBRID)
+    env = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=3, wind=wind, sensors=noise)
+    env = VectorHybridWrapper(env, HYBRID)
     observation, _ = env.reset(seed=0)
     for _ in range(60):
         observation, *_ = env.step(env.base_action)

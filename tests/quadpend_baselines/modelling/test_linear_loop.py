@@ -112,7 +112,7 @@ def test_predictive_control_has_no_linear_model_and_an_unstable_loop_is_warned_a
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scenario = Scenario()
-    assert linear_policy(controller("mppi").adapt(scenario), scenario) is None
+    assert linear_policy(controller("nmpc").adapt(scenario), scenario) is None
     lqi = controller("lqi").adapt(scenario)
     late = replace(scenario, latency=0.03, loop_known=False)
     monkeypatch.setattr(lqi, "adapt", lambda scenario: lqi)

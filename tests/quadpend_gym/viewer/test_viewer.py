@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_gym import Reference
-from quadpend_gym.viewer import hud, palette
+from quadpend_gym.viewer import palette, picture
 from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.picture import Picture
 from quadpend_gym.viewer.snapshot import ARM, PAPER_SHAPE
@@ -90,7 +90,7 @@ def test_the_text_is_inside_the_picture_and_does_not_overlap(
     def write(surface: Any, text: str, at: Any, font_size: int, colour: Any, anchor: str = "topleft") -> None:
         boxes[text] = pygame.font.Font(None, font_size).render(text, True, colour).get_rect(**{anchor: at})
 
-    monkeypatch.setattr(hud, "write", write)
+    monkeypatch.setattr(picture, "write", write)
     Picture().draw(pygame.Surface(size), hovering()._replace(time=1.23, error=0.056), "flatness")
     assert ({"1.23 s", "56 mm", "flatness"} <= boxes.keys()) == (size[0] >= 320)
     assert all(pygame.Rect((0, 0), size).contains(box) for box in boxes.values())

@@ -52,13 +52,6 @@ def test_playback_is_in_real_time(env: Any, clock: Clock) -> None:
     assert 0.25 * 50 < len(clock.shown) <= 0.3 * 61 + 2
 
 
-@pytest.mark.parametrize(("keys", "seconds"), [("s", 0.4), ("ss", 0.8), ("sf", 0.2), ("f", 0.1), ("f" * 9, 0.05)])
-def test_keys_halve_and_double_the_speed(env: Any, clock: Clock, keys: str, seconds: float) -> None:
-    clock.press(0.0, *map(ord, keys))
-    run_steps(env, 3)
-    assert duration(clock, lambda: run_steps(env, 20)) == pytest.approx(seconds, abs=0.015)
-
-
 def test_space_pauses_and_resumes(env: Any, clock: Clock) -> None:
     clock.press(0.05, pygame.K_SPACE)
     clock.press(1.05, pygame.K_SPACE)
@@ -66,19 +59,16 @@ def test_space_pauses_and_resumes(env: Any, clock: Clock) -> None:
     assert len(clock.shown) > 50, "a paused window must be drawn, because the camera can move"
 
 
-def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
+def test_the_mouse_moves_the_camera(env: Any, clock: Clock) -> None:
     camera = env.recorder._window.picture.camera
 
     def after(event: Any) -> tuple[float, float, float]:
         before = dataclasses.replace(camera)
-        clock.press(0.0, event) if isinstance(event, int) else clock.post(0.0, event)
+        clock.post(0.0, event)
         run_steps(env, 3)
         rotation = camera.azimuth - before.azimuth, camera.elevation - before.elevation
         return *rotation, camera.distance / before.distance
 
-    assert after(pygame.K_RIGHT)[0] > 0 > after(pygame.K_LEFT)[0]
-    assert after(pygame.K_UP)[1] > 0 > after(pygame.K_DOWN)[1]
-    assert after(pygame.K_MINUS)[2] > 1 > after(pygame.K_PLUS)[2]
     assert after(pygame.event.Event(pygame.MOUSEWHEEL, y=1))[2] < 1
     drag = {"rel": (10, 5), "pos": (0, 0)}
     assert after(pygame.event.Event(pygame.MOUSEMOTION, buttons=(0, 0, 0), **drag)) == (0.0, 0.0, 1.0)
@@ -87,10 +77,10 @@ def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_r_truncates_every_sub_environment(clock: Clock, mode: str) -> None:
+def test_closing_the_window_truncates_every_sub_environment(clock: Clock, mode: str) -> None:
     env = make_vec(3, render_mode="human", autoreset_mode=mode)
     env.reset(seed=0)
-    clock.press(0.02, pygame.K_r)
+    clock.press(0.02, pygame.K_ESCAPE)
     truncated = np.array([env.step(np.zeros((3, 4)))[3] for _ in range(20)])
     assert (truncated.sum(axis=0) == 1).all()
     assert (env.world.clock < 20).all()

@@ -80,9 +80,7 @@ def test_the_window_plays_to_the_end_and_waits_until_it_is_closed(monkeypatch: p
     shown: list[int] = []
     press: dict[int, Callable[[], Any]] = {
         3: lambda: pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_SPACE)),
-        6: lambda: pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_PERIOD)),
-        9: lambda: pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_r)),
-        12: lambda: pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_SPACE)),
+        6: lambda: pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_SPACE)),
         40: lambda: pygame.event.post(pygame.event.Event(pygame.QUIT)),
     }
     draw = SideBySideView.draw
@@ -99,9 +97,7 @@ def test_the_window_plays_to_the_end_and_waits_until_it_is_closed(monkeypatch: p
     monkeypatch.setattr(SideBySideView, "draw", drawing)
     watch(("flatness",), (CALM,), SEED, VideoOptions(size=SIZE, speed=4.0, seconds=(0.0, 0.5)))
     assert not pygame.display.get_init()
-    assert shown[3] == shown[5], "paused"
-    assert shown[6] == shown[5] + 1, "one step"
-    assert shown[9] == 0, "from the beginning"
+    assert shown[3] == shown[5] < shown[-1], "paused"
     assert shown[-1] == 49, "the end"
 
 

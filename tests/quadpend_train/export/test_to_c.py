@@ -106,7 +106,7 @@ def test_a_compiled_policy_flies_like_the_python_one(exported: Path) -> None:
     [
         ("ppo-swing-up-0", {}, "only policies that balance an upright"),
         ("ppo-load-0", {}, "only policies that balance an upright"),
-        ("mppi", {}, "mppi cannot be written as C"),
+        ("nmpc", {}, "nmpc cannot be written as C"),
         ("lqg", {"interface": "rotors", "actuators": ()}, "another --scenario without rotors"),
         ("lqg", {"sensors": {"kind": "delay"}}, "predict no delay of sensors"),
     ],

@@ -26,6 +26,7 @@ def network() -> MlpPolicy:
 
 @pytest.mark.parametrize("name", ["ppo-swing-up-0", ""])
 def test_a_session_returns_the_actions_of_the_policy(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed: pip install 'quadpend-gym[onnx]'")
     runtime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
     policy, path = load_policy(name) if name else network(), tmp_path / "policy.onnx"
     export_onnx(policy, path)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from quadpend_baselines import ADRC, Policy, RotorAllocation, controller
+from quadpend_baselines import ADRC, Policy, controller
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_gym import OBSERVATION_FIELDS
 from quadpend_gym.actuators import ActionDelay, MotorLag
@@ -31,7 +31,6 @@ def test_controllers_and_base_controllers_are_designed_for_the_scenario_and_its_
     assert unknown.loop == Loop()
     learned: Any = mlp_policy(45, hybrid=ESTIMATE_ONLY).adapt(slow)
     assert (learned.hybrid.controller.loop, learned.hybrid.controller.simulation) == (LOOP, slow.simulation)
-    assert isinstance(ADRC().adapt(Scenario(actuators="rotors")), RotorAllocation)
 
 
 class Recording(Policy):
@@ -70,7 +69,7 @@ def test_unobserved_velocities_are_finite_differences() -> None:
 def test_learned_policy_receives_finite_differences_only_if_it_needs_them() -> None:
     """A base controller with an estimator needs none."""
     hidden, whole, outputs = Scenario(output_feedback=True), mlp_policy(36), mlp_policy(27)
-    assert whole.adapt(Scenario(actuators="rotors")) is whole
+    assert whole.adapt(Scenario()) is whole
     assert outputs.adapt(hidden) is outputs
     adrc = mlp_policy(45, hybrid={**ESTIMATE_ONLY, "base_controller": "adrc-paper"})
     for needy in (whole, adrc):

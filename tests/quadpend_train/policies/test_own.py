@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadpend_baselines import Policy, RotorAllocation, controller
+from quadpend_baselines import Policy, controller
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
@@ -103,7 +103,6 @@ def test_a_factory_is_called_for_the_simulation_of_the_scenario_only(module: str
     assert policy.factory.made == []
     policy.adapt(other)
     assert policy.factory.made == [other.simulation]
-    assert isinstance(policy.adapt(Scenario(actuators="rotors")), RotorAllocation)
 
 
 def test_an_own_controller_flies_as_the_same_controller_of_this_package_also_in_a_wrapper(module: str) -> None:

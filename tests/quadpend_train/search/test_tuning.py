@@ -87,9 +87,8 @@ def test_searches_that_make_no_sense_are_refused(name: str, scenarios: tuple[str
         tuning.Search(name, scenarios)
 
 
-@pytest.mark.parametrize("name", [name for name in TUNED if name != "mppi"])
+@pytest.mark.parametrize("name", TUNED)
 def test_the_score_beside_the_gains_can_be_reproduced(name: str) -> None:
-    """The score of MPPI takes minutes and is not computed here; `quadpend tune mppi` computes it."""
     scores = [rmse for _, rmse in tuning.score(controller(name), scenarios=TUNED[name].scenarios).values()]
     assert np.mean(scores) == pytest.approx(TUNED[name].score, abs=0.5)
 

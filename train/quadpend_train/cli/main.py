@@ -16,6 +16,7 @@ _TRACEBACK = "--traceback"
 _EXTRAS = {
     "casadi": "mpc",
     "imageio": "view",
+    "onnx": "onnx",
     "orangebox": "logs",
     "pyulog": "logs",
     "ray": "cluster",
@@ -65,7 +66,6 @@ COMMANDS = {
         "search.sweep",
         "Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.",
     ),
-    "paper": ("paper.paper", "Repeat the experiment of the paper and draw its Figures 4 to 10."),
 }
 _LINES = "\n".join(f"  {name:<11}{summary}" for name, (_, summary) in COMMANDS.items())
 _OVERVIEW = f"""usage: quadpend COMMAND [OPTIONS]

@@ -105,27 +105,19 @@ def _play(view: Any, screen: Any, period: float, speed: float) -> None:
     """Show the view in a window until the user closes it."""
     import pygame
 
-    from quadpend_gym.viewer.window import Controls, draw_status
+    from quadpend_gym.viewer.window import Controls
 
-    controls = Controls(view.picture)
-    controls.speed = speed
-    first, last = float(view.steps.start), float(view.steps.stop - 1)
-    position, before = first, time.perf_counter()  # in steps; s
+    controls, position, before = Controls(view.picture), float(view.steps.start), time.perf_counter()  # in steps; s
     while True:
         for event in pygame.event.get():
             controls.handle(event)
         if controls.closed:
             break
         now = time.perf_counter()
-        if controls.end_requested:
-            controls.end_requested, position = False, first
-        if controls.steps:
-            position, controls.steps = position + controls.steps, 0
-        elif not controls.paused:
-            position += controls.speed * (now - before) / period
-        position, before = min(position, last), now
+        if not controls.paused:
+            position = min(position + speed * (now - before) / period, float(view.steps.stop - 1))
+        before = now
         view.draw(screen, int(position))
-        draw_status(screen, controls)
         pygame.display.flip()
         time.sleep(max(1.0 / _WINDOW_RATE - (time.perf_counter() - now), 0.0))
     pygame.display.quit()

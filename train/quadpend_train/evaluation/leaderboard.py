@@ -24,8 +24,8 @@ class LeaderboardRow(NamedTuple):
     survival: Interval  # %; also covers Wilson's interval of all episodes together
     worst_survival: Interval  # % in the scenario where it is smallest; ignores the selection of this scenario
     worst_scenario: str
-    wins: int | None  # scenarios won, summed over all other policies, see `compare_all_pairs`; None: not counted
-    losses: int | None
+    wins: int  # scenarios won, summed over all other policies, see `compare_all_pairs`
+    losses: int
 
     @property
     def has_rank(self) -> bool:
@@ -46,9 +46,7 @@ def leaderboard(table: pd.DataFrame) -> list[LeaderboardRow]:
     return sorted(lines, key=lambda row: (not row.has_rank, row.penalised_rmse.value))
 
 
-def standing(
-    policy: str, results: dict[str, Values], wins: int | None = None, losses: int | None = None
-) -> LeaderboardRow:
+def standing(policy: str, results: dict[str, Values], wins: int, losses: int) -> LeaderboardRow:
     """Return the row of a policy from its values in each scenario."""
     survived = {name: values["survived"] for name, values in results.items()}
     worst = min(survived, key=lambda name: float(survived[name].mean()))

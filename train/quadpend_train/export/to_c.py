@@ -15,12 +15,10 @@ import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.adrc import ADRC
-from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.estimator import Estimator
 from quadpend_baselines.hybrid import MemoryOnly
-from quadpend_gym.actuators import Rotors
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
@@ -127,11 +125,11 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
     law = getattr(policy, "_law", None)
     if any(task.pendulum != "upright" or task.limits.pendulum_angle > 0.5 * np.pi for task in tasks):
         raise ValueError(f"{name} cannot be written as C: only policies that balance an upright pendulum can")
-    if not isinstance(policy, ADRC | OutputFeedback | MlpPolicy) or isinstance(law, Mppi | Nmpc):
+    if not isinstance(policy, ADRC | OutputFeedback | MlpPolicy) or isinstance(law, Nmpc):
         raise ValueError(f"{name} cannot be written as C: it is no network, ADRC, LQR, LQI, LQG, flatness or dual-mode")
     if isinstance(policy, MlpPolicy) and isinstance(policy.hybrid, MemoryOnly):
         raise ValueError(f"{name} cannot be written as C: networks on a memory of the measurements are not covered")
-    if scenario.simulation.interface == "rotors" or any(isinstance(model, Rotors) for model in scenario.actuators):
+    if scenario.simulation.interface == "rotors":
         raise ValueError("C files command thrust with torques or body rates: choose another --scenario without rotors")
     if any(isinstance(model, Delay) for model in scenario.sensors):
         raise ValueError("C files predict no delay of sensors: choose another --scenario, with a latency in its place")

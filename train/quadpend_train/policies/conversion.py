@@ -19,7 +19,6 @@ from gymnasium.vector import VectorEnv
 
 from quadpend_baselines import Policy
 from quadpend_baselines.policy.protocol import PolicyWrapper
-from quadpend_baselines.policy.rotors import allocate_rotors
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.envs.spaces import action_space
@@ -63,9 +62,9 @@ class ObjectPolicy(Policy):
         return returned
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return a model as it is, and allocate the thrust and torques of another object to rotors as actuators."""
+        """Return a model with the velocities that it needs, and another object as it is."""
         if self.card is None:
-            return allocate_rotors(self, scenario)
+            return self
         check_interface(self.card, scenario.simulation)
         return with_velocities(self, scenario)
 

@@ -21,7 +21,7 @@ class _Memory(NamedTuple):
 
 
 class FiniteDifferencePolicy(PolicyWrapper):
-    """A policy for environments behind `OutputFeedbackWrapper` that computes rates from two successive observations.
+    """A policy for environments without observed velocities that computes rates from two successive observations.
 
     At the first step of an episode the rates of the tracking error, the direction and the roll and pitch angles are
     zero, and the yaw rate is that of the reference. The control period is in s.

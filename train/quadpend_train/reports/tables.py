@@ -43,16 +43,15 @@ def with_margins(rows: Rows, comparison: Comparison) -> Rows:
     return [[*row, *more] for row, more in zip(rows, [headings, *texts], strict=True)]
 
 
-def leaderboard_rows(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> Rows:
-    """Return the leaderboard, below the row of a bound if there is one; who always falls has no error and no rank."""
+def leaderboard_rows(standings: Sequence[LeaderboardRow]) -> Rows:
+    """Return the leaderboard; a policy that always falls has no error and no rank."""
     headings = ("rank", "policy", "penalised rmse (mm)", "survival (%)", "worst survival (%)", "wins", "losses")
     rows: Rows = [headings]
-    for rank, row in enumerate([bound, *standings] if bound else standings, 0 if bound else 1):
+    for rank, row in enumerate(standings, 1):
         worst = f"{format_interval(row.worst_survival)} {row.worst_scenario}"
-        counts = ("–" if count is None else str(count) for count in (row.wins, row.losses))
         error = format_interval(row.penalised_rmse) if row.has_rank else "–"
-        place = str(rank) if rank and row.has_rank else "–"
-        rows.append([place, row.policy, error, format_interval(row.survival), worst, *counts])
+        place = str(rank) if row.has_rank else "–"
+        rows.append([place, row.policy, error, format_interval(row.survival), worst, str(row.wins), str(row.losses)])
     return rows
 
 
@@ -96,9 +95,9 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def leaderboard_markdown(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> str:
+def leaderboard_markdown(standings: Sequence[LeaderboardRow]) -> str:
     """Return the leaderboard in Markdown, see `leaderboard_rows`."""
-    headings, *body = leaderboard_rows(standings, bound)
+    headings, *body = leaderboard_rows(standings)
     return markdown_table(headings, body)
 
 

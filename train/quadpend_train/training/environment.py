@@ -11,7 +11,6 @@ from quadpend_baselines import controller
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
 from quadpend_gym import RewardWeights
-from quadpend_gym.actuators import Rotors
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_train.envs.action_repeat import ActionRepeat
@@ -73,11 +72,6 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
 def make_env(settings: TrainSettings, teaches: bool = False) -> SB3VecEnv:
     """Return the training environment for Stable-Baselines3; `teaches`: its base controllers label for an imitation."""
     steps, hybrid, found = settings.max_episode_steps or None, settings.hybrid, settings.found().values()
-    if hybrid.base_controller and any(isinstance(model, Rotors) for item in found for model in item.actuators):
-        raise ValueError(
-            f"the base controller {hybrid.base_controller} commands thrust and torques: it cannot be part of a hybrid"
-            " in a scenario with rotors as actuators"
-        )
     scenarios = [_with_reward(scenario, settings.reward) for scenario in found]
     env = concatenate_scenarios(scenarios, settings.num_envs, steps, hybrid.as_data(), teaches)
     if hybrid.baseline_relative_reward:

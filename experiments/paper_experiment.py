@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from experiments.paper_continuous import ContinuousLoop, Trajectory
 from quadpend_baselines.controllers.adrc import ACTION, ADRC, COMMAND
-from quadpend_baselines.paper.continuous import ContinuousLoop, Trajectory
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import WIND_STREAM, Streams
@@ -42,19 +42,18 @@ CHANNELS = ("F_x", "F_y", "z", "psi")  # m, m, m, rad
 _TOLERANCES = (1e-2, 1e-3, 1e-4)  # ε of (8)–(11), m and rad
 _CONVERGED = 6.0  # s, after which the initial error has decayed
 GUST_COLUMNS = (FORCE, FORCE + 1, FORCE + 2, TORQUE + 2)  # nonzero disturbances in gusts: N, N, N, N·m
-Experiment = dict[str, Trajectory]  # "continuous", "1 kHz" and "100 Hz"
 
 
-def run(gains: str = "paper", duration: float = DURATION) -> Experiment:
-    """Simulate the experiment in continuous time, at 1 kHz and at 100 Hz; `gains` is a name in `ADRC_GAINS`."""
-    steps = round(duration / CONTINUOUS_STEP)
+def run() -> dict[str, Trajectory]:
+    """Simulate the experiment in continuous time, at 1 kHz and at 100 Hz."""
+    steps = round(DURATION / CONTINUOUS_STEP)
     times: Floats = 0.5 * CONTINUOUS_STEP * np.arange(2 * steps + 1, dtype=np.float64)
-    loop = ContinuousLoop(ADRC(gains))
+    loop = ContinuousLoop(ADRC("paper"))
     every = round(RECORDING_PERIOD / CONTINUOUS_STEP)
     return {
         "continuous": loop.simulate(start_state(), REFERENCE, gusts(times), CONTINUOUS_STEP, every),
-        "1 kHz": simulate_sampled(gains, 1e-3, duration),
-        "100 Hz": simulate_sampled(gains, CONTROL_PERIOD, duration),
+        "1 kHz": simulate_sampled(1e-3),
+        "100 Hz": simulate_sampled(CONTROL_PERIOD),
     }
 
 
@@ -73,10 +72,10 @@ def gusts(times: Floats) -> Floats:
     return out
 
 
-def simulate_sampled(gains: str, period: float, duration: float = DURATION) -> Trajectory:
+def simulate_sampled(period: float, duration: float = DURATION) -> Trajectory:
     """Simulate the sampled controller in the environment, with single-precision observations."""
     simulation = Simulation(period=period, substeps=max(1, round(2 * period / CONTROL_PERIOD)))
-    policy = ADRC(gains, simulation)
+    policy = ADRC("paper", simulation)
     env = QuadPendulumEnv(period=period, substeps=simulation.substeps, duration=2.0 * duration, wind=GUSTS)
     observation, _ = env.reset(seed=SEED, options={"state": START, "reference": REFERENCE})
     every = round(RECORDING_PERIOD / period)

@@ -1,16 +1,23 @@
-"""Figures 4 to 10 of the paper in its layout, drawn from the results of `experiment` as PNG and SVG files."""
+"""docs/paper/merit.json, and Figures 4 to 10 of the paper in results/paper/, from the results of `paper_experiment`.
 
+python -m experiments.paper
+"""
+
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.paper.continuous import Trajectory
-from quadpend_baselines.paper.experiment import GUST_COLUMNS, GUSTS, RECORDING_PERIOD, Experiment
+from experiments.pages import DOCS
+from experiments.paper_continuous import Trajectory
+from experiments.paper_experiment import GUST_COLUMNS, GUSTS, RECORDING_PERIOD, figures_of_merit, run
 from quadpend_gym import PAPER, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_TORQUE, THRUST
+from quadpend_train.common.files import write_text
+from quadpend_train.reports import figures
 
 # The palette of Okabe and Ito for colour-blind readers; the line styles differ, for printing in black and white.
 _STYLES = {
@@ -68,25 +75,17 @@ FIGURES = {
 }
 
 
-def draw(experiment: Experiment, folder: Path) -> None:
+def draw(experiment: dict[str, Trajectory], folder: Path) -> None:
     """Write all figures into `folder`."""
-    import matplotlib
-
-    # Without a date and with fixed ids, the SVG files are reproducible byte by byte.
-    with matplotlib.rc_context({"svg.hashsalt": "quadpend", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
-        figures = {name: _panels(experiment, figure) for name, figure in FIGURES.items()}
-        figures["figure_10"] = _trajectory_figure(experiment["continuous"])
-        for name, figure in figures.items():
-            for ending, options in ((".png", {"dpi": 200}), (".svg", {"metadata": {"Date": None}})):
-                figure.savefig(folder / (name + ending), **options)
+    for name, figure in FIGURES.items():
+        figures.write_png(_panels(experiment, figure), folder / f"{name}.png")
+    figures.write_png(_trajectory_figure(experiment["continuous"]), folder / "figure_10.png")
 
 
-def _panels(experiment: Experiment, drawn: _Figure) -> Any:
-    from matplotlib.figure import Figure
-
+def _panels(experiment: dict[str, Trajectory], drawn: _Figure) -> Any:
     rows, reference = len(drawn.labels) // 2, experiment["continuous"]
-    figure: Any = Figure(figsize=(7.5, 2.3 * rows + 0.5), layout="constrained")
-    axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    figure = figures.new_figure(7.5, 2.3 * rows + 0.5)
+    axes = figures.add_axes(figure, rows, 2, sharex=True).ravel()
     for i, (axis, label) in enumerate(zip(axes, drawn.labels, strict=True)):
         for name, trajectory in experiment.items():
             axis.plot(trajectory.time, drawn.values(trajectory)[:, i], linewidth=1.2, label=name, **_STYLES[name])
@@ -104,9 +103,7 @@ def _panels(experiment: Experiment, drawn: _Figure) -> Any:
 
 def _trajectory_figure(trajectory: Trajectory) -> Any:
     """Draw Figure 10: the trajectory in space with one pendulum per second, and its three projections."""
-    from matplotlib.figure import Figure
-
-    figure: Any = Figure(figsize=(8.5, 8.0), layout="constrained")
+    figure = figures.new_figure(8.5, 8.0)
     state, every = State(trajectory.state), round(1.0 / RECORDING_PERIOD)
     quadrotor, bob = state.position, state.position + PAPER.rod_length * state.direction
     for place, axes, label in ((1, [0, 1, 2], "(a)"), (2, [0, 1], "(b)"), (3, [0, 2], "(c)"), (4, [1, 2], "(d)")):
@@ -125,3 +122,16 @@ def _trajectory_figure(trajectory: Trajectory) -> Any:
             axis.set_aspect("equal", adjustable="datalim")
     figure.suptitle("The trajectory, one pendulum per second", fontsize=10)
     return figure
+
+
+def main() -> None:
+    """Simulate, and write the figures and the figures of merit."""
+    results, folder = run(), Path("results/paper")
+    folder.mkdir(parents=True, exist_ok=True)
+    draw(results, folder)
+    merit = {name: figures_of_merit(trajectory) for name, trajectory in results.items()}
+    write_text(DOCS / "paper/merit.json", json.dumps(merit, indent=1, allow_nan=False) + "\n")
+
+
+if __name__ == "__main__":
+    main()

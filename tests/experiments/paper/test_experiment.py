@@ -1,22 +1,21 @@
 """The experiment reproduces the paper's statements: all errors converge, and the observers estimate the gusts."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from experiments import paper
+from experiments.paper_continuous import ContinuousLoop, Trajectory
+from experiments.paper_experiment import GUSTS, REFERENCE, figures_of_merit, gusts, simulate_sampled, start_state
 from quadpend_baselines import ADRC
-from quadpend_baselines.paper import experiment
-from quadpend_baselines.paper.continuous import ContinuousLoop, Trajectory
-from quadpend_baselines.paper.experiment import GUSTS, REFERENCE, gusts, simulate_sampled, start_state
-from quadpend_baselines.paper.figures import FIGURES
 from quadpend_gym import State
-from quadpend_train.cli.main import main
 
 
 @pytest.fixture(scope="module")
 def at_100_hz() -> Trajectory:
-    return simulate_sampled("paper", 0.01)
+    return simulate_sampled(0.01)
 
 
 def test_all_errors_converge_in_calm_air_and_the_pendulum_is_upright(at_100_hz: Trajectory) -> None:
@@ -26,7 +25,7 @@ def test_all_errors_converge_in_calm_air_and_the_pendulum_is_upright(at_100_hz: 
 
 
 def test_estimates_follow_the_injected_gusts_in_all_four_channels(at_100_hz: Trajectory) -> None:
-    merit = experiment.figures_of_merit(at_100_hz)
+    merit = figures_of_merit(at_100_hz)
     assert min(merit["correlation_of_estimates"].values()) >= 0.99
     assert merit["convergence_time"]["0.01"]["F_x"] < 2.0
     assert merit["convergence_time"]["0.0001"]["z"] < 2.0
@@ -38,18 +37,19 @@ def test_sampled_control_approaches_continuous_time() -> None:
     continuous = ContinuousLoop(ADRC("paper")).simulate(start_state(), REFERENCE, gusts(times), step, 25)
     differences = []
     for period in (1e-2, 1e-3):
-        sampled = simulate_sampled("paper", period, duration)
+        sampled = simulate_sampled(period, duration)
         differences.append(np.abs(sampled.error - continuous.error)[:, :3].max())
     assert differences[0] < 0.02
     assert differences[1] < differences[0] / 4
 
 
-def test_paper_command_writes_all_figures_and_the_figures_of_merit(
+def test_the_script_writes_all_figures_and_the_figures_of_merit(
     at_100_hz: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = dict.fromkeys(("continuous", "1 kHz", "100 Hz"), at_100_hz)
-    monkeypatch.setattr(experiment, "run", lambda gains: result)
-    main(["paper", "--out", str(tmp_path)])
-    names = {path.name for path in tmp_path.iterdir()}
-    figures = [*FIGURES, "figure_10"]
-    assert names == {"merit.json", *(f"{name}.png" for name in figures), *(f"{name}.svg" for name in figures)}
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "paper").mkdir()
+    monkeypatch.setattr(paper, "DOCS", tmp_path)
+    monkeypatch.setattr(paper, "run", lambda: dict.fromkeys(("continuous", "1 kHz", "100 Hz"), at_100_hz))
+    paper.main()
+    assert {path.stem for path in (tmp_path / "results/paper").iterdir()} == {*paper.FIGURES, "figure_10"}
+    assert json.loads((tmp_path / "paper/merit.json").read_text())["100 Hz"]["rmse_in_gusts"]["z"] < 1e-3
