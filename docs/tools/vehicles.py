@@ -163,7 +163,7 @@ def poles_table() -> str:
     lines = ["| pole | m, g | l | J, g·m² | λ | full length |", "|---|---|---|---|---|---|"]
     for name, pole in POLES.items():
         numbers = [1e3 * pole.mass, pole.length, 1e3 * pole.inertia, pole.equivalent_length]
-        extent = pole.extent or 2.0 * pole.length
+        extent = pole.full_length
         lines.append(f"| `{name}` | {' | '.join(f'{number:.3g}' for number in [*numbers, extent])} |")
     return "\n".join(lines)
 

@@ -19,13 +19,6 @@ def pack(value: Any) -> Floats:
     return np.array(_flat(value))
 
 
-def packed_size(kind: Any) -> int:
-    """Return the length of an array that `pack` makes of a named tuple of this class."""
-    position = count()
-    _expression(kind, {}, position)
-    return next(position)
-
-
 def unpacker(kind: type[Kind]) -> Callable[[Any], Kind]:
     """Return an inlined function that makes a named tuple of the first numbers of an array that `pack` made.
 

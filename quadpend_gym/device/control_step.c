@@ -128,9 +128,8 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
     actuate(given, m, &time, u, queue + N_QUEUE, &late, act);
 #if N_DRAWN
     arrival[N_SLOTS - 1] = q_max(late, N_ARRIVAL > 0 ? arrival[SOME(N_ARRIVAL) - 1] : late);
-#else
-    for (int c = 0; c < 4; ++c) queue[N_QUEUE + c] = (float)queue[N_QUEUE + c]; /* as the environment rounds */
 #endif
+    for (int c = 0; c < 4; ++c) queue[N_QUEUE + c] = (float)queue[N_QUEUE + c]; /* as the environment rounds */
     blow_draws(key, (u64)now, v);
     blow(m, &time, v, force, air, wind);
     for (int f = 0; f < N_X; ++f) x[f] = m[f];
@@ -140,9 +139,8 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
       substep(m, x, acting, force, air, after);
       for (int f = 0; f < N_X; ++f) x[f] = after[f];
     }
-    for (int c = 0; c < 4; ++c) acting[c] = (float)acting[c];
     finish_draws(key, (u64)now, w);
-    finish(x, acting, m, &time, w, after, sense, observation, &reward, &ended, error);
+    finish(x, queue + N_QUEUE, m, &time, w, after, sense, observation, &reward, &ended, error);
     int is_late = now + 1 >= limit, is_lost = ended != 0;
     STORE(out + N_OBSERVATION * n, &reward, 1);
     STORE(out + (N_OBSERVATION + 1) * n, error, 3);

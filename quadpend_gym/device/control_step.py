@@ -29,15 +29,15 @@ from quadpend_gym.engines.lifting import columns, lift, lift_model, rows, vector
 from quadpend_gym.engines.scalar_c import scalar_c
 from quadpend_gym.envs import step_kernel
 from quadpend_gym.envs.kernel_layout import make_limits, make_weights
-from quadpend_gym.envs.loops import JITTER_STREAM, LoopRows, lateness
+from quadpend_gym.envs.loops import JITTER_STREAM, Schedule, lateness
 from quadpend_gym.envs.spaces import observed_columns
 from quadpend_gym.physics import rigid_kernel
 from quadpend_gym.physics.attitude import Quaternion, rotation_matrix
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import load_physics, thrust_axis
-from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, THRUST_AXIS, integrate, store_command
+from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, THRUST_AXIS, integrate_euler
 from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.physics.rigid_settings import LOOP_SIZE, LOOP_THRUST, loop_numbers
+from quadpend_gym.physics.rigid_settings import LOOP_SIZE, loop_numbers, nominal_loop
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     COMMAND_SIZE,
@@ -47,7 +47,7 @@ from quadpend_gym.physics.state import (
     EULER,
     STATE_SIZE,
 )
-from quadpend_gym.physics.vectors import Four, load, store, times
+from quadpend_gym.physics.vectors import Four, load, store
 from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks import rewards
@@ -60,7 +60,7 @@ from quadpend_gym.tasks.observation import (
 )
 from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_reference
 from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
-from quadpend_gym.tasks.trajectories import Reference, point_at
+from quadpend_gym.tasks.trajectories import Reference, reference_at
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 
@@ -148,7 +148,7 @@ class _Generator:
         if not isinstance(self.task.trajectory, Reference | None):
             raise ValueError("device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference")
         self.rigid = plant_of(self.simulation).settings
-        self.loop = None if scenario.loop is None else LoopRows(scenario.loop, self.simulation, 1)
+        self.loop = None if scenario.loop is None else Schedule(scenario.loop, self.simulation, 1)
         self.moves_air = any(model.moves_air for model in scenario.wind_models)
         count = actions_under_way(self.simulation, scenario.loop)
         models = scenario.actuators, scenario.wind_models, scenario.sensors
@@ -181,7 +181,7 @@ class _Generator:
             if m[i].is_constant():
                 entries[i] = m[i]
         self._memory = ca.vertcat(*entries)
-        action, acting, last = (ca.SX.sym(name, ACTION_SIZE) for name in ("action", "acting", "last"))
+        action, acting, issued = (ca.SX.sym(name, ACTION_SIZE) for name in ("action", "acting", "issued"))
         x, force, air = (ca.SX.sym("x", self.sizes["x"]), ca.SX.sym("force", DISTURBANCE_SIZE), ca.SX.sym("air", 3))
         given = {"m": memory, "clock": clock}
         draws = _Draws(clock)
@@ -193,7 +193,7 @@ class _Generator:
         following = self.substep(x, acting, force, air, m[self.parts["parameters"]], m[self.parts["loop"]])
         text += self._c("substep", None, {"m": memory, **arguments}, next_x=following)
         draws = _Draws(clock)
-        text += self._c("finish", draws, {"x": x, "last": last, **given}, **self._finish(draws, x, last))
+        text += self._c("finish", draws, {"x": x, "issued": issued, **given}, **self._finish(draws, x, issued))
         if self.loop is None:
             text += f"#ifdef MOTION\n{self._derivatives(arguments)}#endif\n"
         sizes = self.sizes | {
@@ -259,7 +259,7 @@ class _Generator:
             lift(draw_reference, draws.replaced)(key, task.references, reference, 0)
         else:
             reference[:, 0] = task.trajectory.as_array()
-        point = lift(point_at)(None, 0, reference, 0, 0.0)
+        point = lift(reference_at)(reference, 0, 0.0)
         state = columns([], STATE_SIZE)
         pole = StartPole(*start_pole(simulation, task.side).tolist())
         arguments = task.start, pole, point, lift(load_physics)(physics, 0), state, 0
@@ -322,20 +322,16 @@ class _Generator:
     def substep(self, x: Any, acting: Any, force: Any, air: Any, parameters: Any, loop: Any = None) -> Any:
         """Return x after a substep under the action that acts in it."""
         h, physics, disturbance = self.simulation.period / self.simulation.substeps, columns(parameters), columns(force)
+        loops = columns(nominal_loop(self.simulation) if self.loop is None else loop[:LOOP_SIZE])
+        flying = columns(acting), np.zeros((1, 1), object), loops, disturbance  # the action acts that is issued
+        last = 1, h, 1, columns([], COMMAND_SIZE)
         if not self.rigid:
-            lanes, command = columns(x, LANE_STATE_SIZE), columns([], COMMAND_SIZE)
-            scale: Any = Four(*self.simulation.command_scale.tolist())
-            if self.loop is not None:
-                scale = lift(times)(loop[LOOP_THRUST], scale)
-            lift(store_command)(columns(acting), scale, 0, command)
-            lift(integrate)(lanes, command, disturbance, physics, 1, h, 1)
+            lanes, scale = columns(x, LANE_STATE_SIZE), Four(*self.simulation.command_scale.tolist())
+            lift(integrate_euler)(lanes, *flying, physics, scale, *last)
             return vector(lanes[:STATE_SIZE])
         lanes = self._lanes(x)
-        loops = None if self.loop is None else columns(ca.vertcat(loop[:LOOP_SIZE], acting))
         nothing = {add_drag: lambda *_: None, rigid_kernel.store_outputs: lambda *_: None}  # once in a control period
-        action = columns(acting)
-        arguments = lanes, action, action, disturbance, columns(air), physics, self.rigid, 1, h, 1, 0, loops
-        lift(rigid_kernel.integrate_rigid, nothing)(*arguments)
+        lift(rigid_kernel.integrate_rigid, nothing)(lanes, *flying, columns(air), physics, self.rigid, *last)
         return ca.vertcat(vector(lanes[:STATE_SIZE]), vector(lanes[rigid_kernel.RIGID :][: rigid_kernel.RIGID_SIZE]))
 
     def _lanes(self, x: Any) -> Any:
@@ -348,11 +344,11 @@ class _Generator:
         lift(rigid_kernel.store_outputs)(lanes, 0)
         return vector(lanes[EULER:DIRECTION])
 
-    def _finish(self, draws: _Draws, x: Any, last: Any) -> dict[str, Any]:
+    def _finish(self, draws: _Draws, x: Any, issued: Any) -> dict[str, Any]:
         """Return what follows from the motion: the state, the observation, the reward and whether the episode ends."""
         simulation, task, before = self.simulation, self.task, self._part("x")
         after = ca.vertcat(x[:EULER], self.outputs(x), x[DIRECTION:]) if self.rigid else x
-        lost = lift(step_kernel.diverged)(columns(after[:STATE_SIZE]), 0)
+        lost = lift(step_kernel.has_diverged)(columns(after[:STATE_SIZE]), 0)
         after = ca.if_else(lost, before, after)
         lanes, parameters = columns(after[:STATE_SIZE], LANE_STATE_SIZE), self._part("parameters")
         if self.rigid:
@@ -361,13 +357,13 @@ class _Generator:
             axis = lift(thrust_axis)(lift(load)(lanes, EULER, 0))
         lift(store)(lanes, THRUST_AXIS, 0, axis)
         time, reference = simulation.period * (draws.clock + 1), columns(self._part("reference"))
-        point = lift(point_at)(None, 0, reference, 0, time)
+        point = lift(reference_at)(reference, 0, time)
         rod_length = parameters[ROD_LENGTH]
         tracking = lift(tracking_errors)(lanes, 0, rod_length, Target(point.d0, point.d1, point.yaw))
         cosine, weights = task.side * lanes[DIRECTION + 2, 0], make_weights(task)
-        limits = make_limits(task)
-        ended = ca.fmax(lost, lift(step_kernel.outside)(lanes, 0, tracking.error, rod_length, limits))
-        terms = lift(rewards.reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(last), 0, weights.tip)
+        limits = make_limits(task, simulation)
+        ended = ca.fmax(lost, lift(step_kernel.is_outside)(lanes, 0, tracking.error, rod_length, limits))
+        terms = lift(rewards.reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(issued), 0, weights.tip)
         reward = lift(rewards.reward)(terms, cosine, lift(load)(lanes, DIRECTION_RATE, 0), weights)
         measured, step = rows(list(lanes[:STATE_SIZE, 0])), self._step(draws.clock + 1)
         period = simulation.period

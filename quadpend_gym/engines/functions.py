@@ -12,11 +12,10 @@ by ``function.factory``, for example the Jacobian of the next state with respect
 | action | 4 | components in [−1, 1], of the simulation's interface |
 | wind | 12 | d_Q, d_B (N), d_τ (N·m), air velocity (m/s), `quadpend_gym.wind`; constant during a control period |
 | parameters | 9 | `Parameters.as_array` |
-| loop | 7 + s | of an episode with a drawn loop: `rigid_settings.LOOP_SIZE` numbers, and `LoopRows.ages` |
+| loop | 7 + s | of an episode with a drawn loop: `rigid_settings.LOOP_SIZE` numbers, and `Schedule.ages` |
 | point | 24 | derivatives of order 0 to 6 of (F_x, F_y, z), and of order 0 to 2 of ψ; `ReferencePoint` |
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -26,12 +25,12 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines.lifting import columns, lift, vector
 from quadpend_gym.envs.kernel_layout import make_weights
-from quadpend_gym.envs.loops import LoopRows
+from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.physics.drag import add_drag
-from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, integrate, store_command
+from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, integrate_euler
 from quadpend_gym.physics.plants import RigidPlant, plant_of
-from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
-from quadpend_gym.physics.rigid_settings import LOOP_SIZE, make_rigid_settings
+from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, integrate_rigid
+from quadpend_gym.physics.rigid_settings import LOOP_SIZE
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     COMMAND_SIZE,
@@ -52,7 +51,7 @@ from quadpend_gym.tasks.observation import (
 from quadpend_gym.tasks.references import REFERENCE_SIZE, ReferencePoint
 from quadpend_gym.tasks.rewards import reward, reward_terms
 from quadpend_gym.tasks.task import Task
-from quadpend_gym.tasks.trajectories import point_at
+from quadpend_gym.tasks.trajectories import reference_at
 from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
@@ -62,9 +61,7 @@ POINT_SIZE = 24
 
 def actions_under_way(simulation: Simulation, ranges: LoopRanges | None = None) -> int:
     """Return the number of actions whose effect a control period begins with: the latency in periods, rounded up."""
-    if ranges is not None:
-        return LoopRows(ranges, simulation, 0).slots - 1
-    return -(-simulation.delayed_substeps // simulation.substeps)
+    return Schedule(ranges, simulation, 0).slots - 1
 
 
 def initial_memory(simulation: Simulation, state: Floats, ranges: LoopRanges | None = None) -> Floats:
@@ -94,47 +91,37 @@ def step_function(simulation: Simulation, moves_air: bool = False, ranges: LoopR
             rigid vehicles always have drag.
         ranges: Those of the loop of a rigid vehicle, if it is drawn; the function then has a sixth argument, the loop.
     """
-    is_rigid = isinstance(plant_of(simulation), RigidPlant)
-    size, period, substeps = RIGID_SIZE if is_rigid else 0, simulation.period, simulation.substeps
-    memory_size = size + ACTION_SIZE * actions_under_way(simulation, ranges)
-    x = _symbols(state=STATE_SIZE, memory=memory_size, action=ACTION_SIZE, wind=WIND_SIZE, parameters=PARAMETERS_SIZE)
+    plant, schedule = plant_of(simulation), Schedule(ranges, simulation, 1)
+    size, period, substeps = plant.memory_size, simulation.period, simulation.substeps
+    under_way = ACTION_SIZE * (schedule.slots - 1)
+    x = _symbols(state=STATE_SIZE, memory=size + under_way, action=ACTION_SIZE, wind=WIND_SIZE)
+    x |= _symbols(parameters=PARAMETERS_SIZE)
+    ages, loops = schedule.ages.astype(object), columns(schedule.loops[:, 0])
     if ranges is not None:
         x |= _symbols(loop=LOOP_SIZE + substeps)
-    actions = [*ca.vertsplit(x["memory"][size:], ACTION_SIZE), x["action"]]
-    switch = simulation.delayed_substeps % substeps  # substeps in which the oldest action acts; then the next one acts
-    before, after = columns(actions[0]), columns(actions[1 if switch else 0])
+        loops, ages = columns(x["loop"][:LOOP_SIZE]), columns(x["loop"][LOOP_SIZE:])
+    issued, command = columns(ca.vertcat(x["memory"][size:], x["action"])), columns([], COMMAND_SIZE)
     disturbance, air = columns(x["wind"][:DISTURBANCE_SIZE]), columns(x["wind"][WIND_FIELDS["velocity"]])
     physics, axis = columns(x["parameters"]), ca.SX(LANE_STATE_SIZE - STATE_SIZE, 1)
-    if is_rigid:
+    if isinstance(plant, RigidPlant):
         lanes = columns(ca.vertcat(x["state"], axis, x["memory"][:size]), RIGID_LANE_SIZE)
-        settings = make_rigid_settings(simulation)
-        loop, timing = None, (period, substeps, switch)
-        if ranges is not None:
-            loop = columns(ca.vertcat(x["loop"][:LOOP_SIZE], *_acting(actions, x["loop"][LOOP_SIZE:])))
-        lift(integrate_rigid)(lanes, before, after, disturbance, air, physics, settings, 1, *timing, loop)
+        flying = lanes, issued, ages, loops, disturbance, air, physics, plant.settings
+        lift(integrate_rigid)(*flying, 1, period, substeps, command)
     else:
-        lanes, command = columns(x["state"], LANE_STATE_SIZE), columns([], COMMAND_SIZE)
+        lanes = columns(x["state"], LANE_STATE_SIZE)
         if moves_air:
             lift(add_drag)(lift(load)(air, 0, 0), lanes, physics, 0, disturbance)
-        for action, count in ((before, switch), (after, substeps - switch)):
-            if count > 0:
-                lift(store_command)(action, Four(*simulation.command_scale.tolist()), 0, command)
-                lift(integrate)(lanes, command, disturbance, physics, 1, period * count / substeps, count)
-    next_memory = ca.vertcat(vector(lanes[RIGID : RIGID + size]), *actions[1:])
+        flying = lanes, issued, ages, loops, disturbance, physics, Four(*simulation.command_scale.tolist())
+        lift(integrate_euler)(*flying, 1, period, substeps, command)
+    next_memory = ca.vertcat(vector(lanes[RIGID : RIGID + size]), *issued[ACTION_SIZE:, 0])
     return _function("step", x, next_state=vector(lanes[:STATE_SIZE]), next_memory=next_memory)
-
-
-def _acting(actions: Sequence[Any], ages: Any) -> list[Any]:
-    """Return the actions that act in each substep, of those under way, the oldest first."""
-    ordered = list(enumerate(reversed(actions)))
-    return [sum((age == k) * action for k, action in ordered) for age in ca.vertsplit(ages)]
 
 
 @lru_cache(maxsize=1)
 def reference_function() -> Any:
     """Return a reference at a time (s), (reference, time) → point; `reference` is a `Reference.as_array`."""
     x = _symbols(reference=REFERENCE_SIZE, time=1)
-    return _function("reference", x, point=vector(lift(point_at)(None, 0, columns(x["reference"]), 0, x["time"])))
+    return _function("reference", x, point=vector(lift(reference_at)(columns(x["reference"]), 0, x["time"])))
 
 
 def _point(point: Any) -> ReferencePoint:

@@ -17,53 +17,64 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.envs.inputs import NO_ERROR
 from quadpend_gym.envs.kernel_layout import MEMORY_RIGID
-from quadpend_gym.envs.loops import LoopRows
-from quadpend_gym.envs.step_kernel import step_rigid_drawn
+from quadpend_gym.envs.loops import Schedule
+from quadpend_gym.envs.step_kernel import ADVANCE, run_rigid
 from quadpend_gym.physics.rigid_kernel import BODY_RATE
-from quadpend_gym.physics.rigid_settings import LOOP_SIZE
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.vehicles import Simulation, hover_thrusts, rotors_of
 
 _RATES = slice(MEMORY_RIGID.start + BODY_RATE, MEMORY_RIGID.start + BODY_RATE + 3)
+_ROTORS = slice(MEMORY_RIGID.stop, MEMORY_RIGID.stop + ACTION_SIZE)
 
 
-class AutopilotRows(LoopRows):
-    """The loops and the firmware of n sub-environments.
+class AutopilotRows:
+    """The loops and the firmware of n sub-environments, in place of a `Schedule`.
 
     Attributes:
         plant_simulation: Simulation of one step of the firmware, with the interface "rotors".
         steps: Number of these steps in a control period.
+        slots: 2: the kernel gets the actions of the rotors as those of the step before.
+        ages: Ones, shape (1, n).
+        loops: As in `Schedule`.
+        drawn: As in `Schedule`.
     """
 
     def __init__(self, autopilot: Betaflight, ranges: LoopRanges | None, simulation: Simulation, rows: int) -> None:
         substeps = simulation.substeps * ceil(simulation.period / simulation.substeps / PID_PERIOD * (1.0 - 1e-9))
-        simulation = replace(simulation, substeps=substeps)
-        super().__init__(ranges, simulation, rows)
+        self._simulation = simulation = replace(simulation, substeps=substeps)
+        self._schedule = schedule = Schedule(ranges, simulation, rows)
+        self.loops, self.drawn = schedule.loops, schedule.drawn
+        self.slots, self.ages = 2, np.ones((1, rows), np.int16)
         self.steps, step, vehicle = substeps, simulation.period / substeps, simulation.vehicle
         self.plant_simulation = replace(simulation, interface="rotors", period=step, substeps=1, latency=0.0)
         self._scale = simulation.command_scale[:, np.newaxis]
         (self._low, self._high), self._hover = rotors_of(vehicle).thrust, hover_thrusts(vehicle)
         (hover,) = radio(np.zeros(1) + vehicle.weight, np.zeros((1, 3)), simulation)
         self._firmware = Firmware(autopilot.prepare(simulation), rows, step, hover)
-        self._motors, self._kernel_loops = np.zeros((rows, ACTION_SIZE)), np.zeros((LOOP_SIZE + ACTION_SIZE, rows))
+        self._motors, self._issued = np.zeros((rows, ACTION_SIZE)), np.zeros((schedule.slots, ACTION_SIZE, rows))
 
     def start_episodes(self, rows: Integers, streams: Streams) -> None:
         """Draw the constants of new episodes, and start their firmware anew."""
-        super().start_episodes(rows, streams)
+        self._schedule.start_episodes(rows, streams)
+        self._issued[:, :, rows] = 0.0
         self._motors[rows] = self._firmware.start_episodes(rows)[:ACTION_SIZE]
 
-    def step(self, memory: Floats, clock: Integers, columns: Floats, action: Any, settings: Any, *outputs: Any) -> int:
-        """As `step_kernel.step_rigid`, for all sub-environments; `settings` are those of `plant_simulation`."""
-        self._kernel_loops[:LOOP_SIZE] = self.columns[:LOOP_SIZE]
-        commands = self.columns[LOOP_SIZE:].reshape(self.steps, ACTION_SIZE, -1)
-        for number, command in enumerate(commands):
-            thrust, *rates = self._scale * command
+    def advance(self, step: Integers) -> None:
+        """As `Schedule.advance`."""
+        self._schedule.advance(step)
+
+    def run(self, stages: int, memory: Floats, clock: Integers, columns: Floats, action: Any, *arguments: Any) -> int:
+        """As `step_kernel.run_rigid`, for all sub-environments; the settings are those of `plant_simulation`."""
+        self._issued[:-1], self._issued[-1] = self._issued[1:], action.T
+        for number, ages in enumerate(self._schedule.ages):
+            acting = np.take_along_axis(self._issued, (len(self._issued) - 1 - ages)[np.newaxis, np.newaxis], axis=0)
+            thrust, *rates = self._scale * acting[0]
             channels = radio(thrust + self._scale[0], np.array(rates).T, self._simulation)
             self._firmware.send(memory[:, _RATES], channels)
-            self._kernel_loops[LOOP_SIZE:] = self._rotor_actions().T
-            time = clock * self.steps + number
-            error = step_rigid_drawn(self._kernel_loops, memory, time, columns, action, settings, *outputs)
+            memory[:, _ROTORS] = self._rotor_actions()
+            stage, time = stages if number == self.steps - 1 else ADVANCE, clock * self.steps + number
+            error = run_rigid(stage, memory, time, columns, action, *arguments)
             self._motors[:] = self._firmware.receive()[:, :ACTION_SIZE]
             if error != NO_ERROR:
                 return error

@@ -5,15 +5,16 @@ from typing import NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.packing import pack, packed_size, unpacker
+from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.plants import EulerPlant
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import RigidSettings
-from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
+from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.physics.vectors import Four
 from quadpend_gym.tasks.observation import TARGET_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE
 from quadpend_gym.tasks.task import Task
+from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 # Memory of each sub-environment, an array row of MEMORY_SIZE numbers.
@@ -21,10 +22,10 @@ MEMORY_STATE = slice(0, STATE_SIZE)
 MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE)
 MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
 MEMORY_TRAJECTORY = MEMORY_REFERENCE.stop  # `TrajectoryTable.first`
-MEMORY_ACTION = slice(MEMORY_TRAJECTORY + 1, MEMORY_TRAJECTORY + 1 + ACTION_SIZE)  # the last action
-MEMORY_SIZE = MEMORY_ACTION.stop
+MEMORY_SIZE = MEMORY_TRAJECTORY + 1
 # The row of a rigid vehicle is longer: quaternion, body rate and rotor thrusts (`rigid_kernel`).
 MEMORY_RIGID = slice(MEMORY_SIZE, MEMORY_SIZE + RIGID_SIZE)
+# At the end of a row are the actions that can still act, the oldest first, four numbers each (`loops.Schedule`).
 
 # Sensed values of each sub-environment, an array column of SENSED_SIZE numbers: the target and the rod length (m),
 # from which the tracking error is computed, and the state as the sensors report it.
@@ -40,6 +41,7 @@ class KernelLimits(NamedTuple):
     cos_body_angle: float
     tracking_error: float  # m
     ground: float  # m
+    reach: float  # distance of the pole's tip from the pivot, divided by that of its centre of mass
     side: float  # see `Task.side`
 
 
@@ -62,8 +64,8 @@ class KernelSettings(NamedTuple):
     limits: KernelLimits
     weights: KernelWeights
     moves_air: bool  # whether a wind model gives an air velocity, so that there is drag
-    substeps: int  # Runge–Kutta steps in a control period; 0 leaves state and clock unchanged
-    switch: int  # number of substeps at the beginning in which the last action acts
+    has_sensors: bool  # whether the observation is computed from what sensors report
+    substeps: int  # Runge–Kutta steps in a control period
 
 
 class RigidStepSettings(NamedTuple):
@@ -74,7 +76,6 @@ class RigidStepSettings(NamedTuple):
 
 
 unpack_settings, unpack_rigid_settings = unpacker(KernelSettings), unpacker(RigidStepSettings)
-SETTINGS_SIZE, RIGID_SETTINGS_SIZE = packed_size(KernelSettings), packed_size(RigidStepSettings)
 
 
 def make_weights(task: Task) -> KernelWeights:
@@ -88,23 +89,23 @@ def make_weights(task: Task) -> KernelWeights:
     return KernelWeights(tracking, upright, yaw, effort, reward.tip, reward.pendulum_first)
 
 
-def make_limits(task: Task) -> KernelLimits:
-    """Return the limits with the angles as cosines."""
-    limits = task.limits
-    cos_pendulum_angle, cos_body_angle = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
-    return KernelLimits(cos_pendulum_angle, cos_body_angle, limits.tracking_error, limits.ground, task.side)
+def make_limits(task: Task, simulation: Simulation) -> KernelLimits:
+    """Return the limits of a task for a vehicle."""
+    limits, pole = task.limits, simulation.vehicle.pole
+    cosines = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
+    return KernelLimits(*cosines, limits.tracking_error, limits.ground, pole.full_length / pole.length, task.side)
 
 
-def pack_settings(task: Task, plant: EulerPlant, moves_air: bool, substeps: int) -> Floats:
+def pack_settings(task: Task, plant: EulerPlant, moves_air: bool, has_sensors: bool) -> Floats:
     """Return the settings as a flat array that `unpack_settings`, or `unpack_rigid_settings`, reads."""
     simulation = plant.simulation
     settings = KernelSettings(
         simulation.period,
         Four(*simulation.command_scale.tolist()),
-        make_limits(task),
+        make_limits(task, simulation),
         make_weights(task),
         moves_air,
-        substeps,
-        simulation.delayed_substeps % simulation.substeps,
+        has_sensors,
+        simulation.substeps,
     )
     return pack((settings, plant.settings))

@@ -1,66 +1,69 @@
-"""The loops of n sub-environments whose constants are drawn for each episode, see `randomization.LoopRanges`.
+"""The schedule of actions: which action acts in which substep, and the constants of the loops of n sub-environments.
 
 The action of control step k is issued at the substep k·s, for s substeps in a control period. It acts from the substep
-kS + Dₖ on, but not before the preceding action, until the next one acts. Dₖ is the latency D of the episode, in
+ks + Dₖ on, but not before the preceding action, until the next one acts. Dₖ is the latency D of the episode, in
 substeps; with jitter it is D + ⌊jε + u⌋, at least 0, where j is the jitter in substeps, ε is uniform in [−1, 1], and u,
 uniform in [0, 1], rounds at random, so that the mean is D. Actions before the episode are hover.
+
+`randomization.LoopRanges` draws latency, time constants and thrust for each episode; without it they are nominal.
 """
 
 from math import ceil
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from quadpend_gym.core.arrays import Floats, Floats32, Integers
+from quadpend_gym.core.arrays import Ages, Floats, Integers
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.streams import LOOP_STREAM, Keys, Streams, uniform, uniform_between
-from quadpend_gym.physics.rigid_settings import LOOP_SIZE, loop_numbers
-from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.physics.rigid_settings import loop_numbers, nominal_loop
 from quadpend_gym.randomization import LOOP_NAMES, LoopRanges
 from quadpend_gym.vehicles import Simulation
 
 JITTER_STREAM = 1  # substream of the jitter
 
 
-class LoopRows:
-    """The constants of the loop of each sub-environment, and its actions under way.
+class Schedule:
+    """The loops of n sub-environments.
 
     Attributes:
-        drawn: The drawn values of the episodes in the order of `LOOP_NAMES`, shape (4, n); the latency in s.
-        columns: For the step kernel: numbers of each loop (`rigid_settings.LOOP_SIZE`), then the actions that act
-            during each of the s substeps of a control period, shape (7 + 4 s, n).
+        ranges: Intervals of the constants; None: every loop is nominal.
+        ages: For each of the s substeps of the next control period, control steps since the action that acts was
+            issued, shape (s, n); 0 is the action of this control step.
+        slots: Number of actions that can act in a control period, this one included.
         jitter: j, substeps.
-        ages: Control steps since each of these actions was issued, shape (s, n); `slots` or more for hover.
-        slots: Actions that can act in a control period.
+        loops: Numbers of each loop for the step kernel (`rigid_settings.LOOP_SIZE`), shape (7, n).
+        drawn: The constants of the episodes in the order of `LOOP_NAMES`, shape (4, n); the latency in s.
     """
 
     def __init__(self, ranges: LoopRanges | None, simulation: Simulation, rows: int) -> None:
-        self._simulation, substeps = simulation, simulation.substeps
+        self.ranges, self._simulation = ranges, simulation
         nominal = simulation.latency, 1.0, 1.0, 1.0
         pairs = [getattr(ranges, name, None) or (value, value) for name, value in zip(LOOP_NAMES, nominal, strict=True)]
         self._lowest, self._highest = np.array(pairs).T
-        self.jitter = getattr(ranges, "jitter", 0.0) / simulation.period * substeps
+        self.jitter = getattr(ranges, "jitter", 0.0) / simulation.period * simulation.substeps
         latest = self._in_substeps(self._highest[0]) + ceil(self.jitter)
-        self.slots = slots = -(-int(latest) // substeps) + 1  # of the ring buffer
-        self.ages = np.zeros((substeps, rows), np.int64)
-        self.drawn = np.zeros((len(LOOP_NAMES), rows))
-        self.columns = np.zeros((LOOP_SIZE + substeps * ACTION_SIZE, rows))
+        self.slots = -(-int(latest) // simulation.substeps) + 1
+        self.drawn = np.array(nominal)[:, np.newaxis] + np.zeros(rows)
+        self.loops = nominal_loop(simulation)[:, np.newaxis] + np.zeros(rows)
+        self.ages = np.zeros((simulation.substeps, rows), np.int16)
+        self.ages[:] = self._ages(np.full(rows, self._in_substeps(simulation.latency)))
         self._latency = np.zeros(rows, np.int64)  # substeps
-        self._under_way, self._arrival = np.zeros((slots, ACTION_SIZE, rows)), np.zeros((slots, rows), np.int64)
-        self._acting = np.zeros(rows, np.int64)  # number of the action that acts, or −1
+        self._arrival, self._acting = np.zeros((self.slots, rows), np.int64), np.zeros(rows, np.int64)
         self._keys = np.zeros(rows, np.uint64)
 
     def start_episodes(self, rows: Integers, streams: Streams) -> None:
         """Draw the constants of new episodes, each from its own number; `streams` are those of the episodes."""
+        if self.ranges is None:
+            return
         own, simulation = streams.derive(LOOP_STREAM), self._simulation
         drawn = self.draw(own)
-        self._latency[rows] = drawn[:, 0]
+        latency = drawn[:, 0].copy()
         drawn[:, 0] *= simulation.period / simulation.substeps
         self.drawn[:, rows] = drawn.T
-        self.columns[:LOOP_SIZE, rows] = np.array([loop_numbers(simulation, *row) for row in drawn[:, 1:].tolist()]).T
-        self.columns[LOOP_SIZE:, rows] = 0.0
-        self._acting[rows] = -1
+        self.loops[:, rows] = np.array([loop_numbers(simulation, *row) for row in drawn[:, 1:].tolist()]).T
+        self.ages[:, rows] = self._ages(latency)
+        self._latency[rows], self._acting[rows] = latency, -1
         self._keys[rows] = own.derive(JITTER_STREAM).keys
 
     def draw(self, streams: Streams) -> Floats:
@@ -69,24 +72,18 @@ class LoopRows:
         drawn[:, 0] = self._in_substeps(drawn[:, 0])
         return drawn
 
-    def at_hover(self, rows: Integers) -> Floats:
-        """Return `columns` of the sub-environments `rows` with actions of zero."""
-        columns = self.columns.take(rows, axis=1)
-        columns[LOOP_SIZE:] = 0.0
-        return columns
-
-    def schedule(self, action: Floats, step: Integers) -> Floats32:
-        """Take the actions of a control step, shape (4, n), into `columns`, and return those that act at its end.
-
-        `step` is the number of control steps since each episode began, shape (n,).
-        """
-        last = np.empty((len(step), ACTION_SIZE), np.float32)
-        loop, queue = (self._latency, self.jitter, self._keys), (self._under_way, self._arrival, self._acting)
-        _schedule(action, step, *loop, *queue, self.ages, self.columns[LOOP_SIZE:], last)
-        return last
+    def advance(self, step: Integers) -> None:
+        """Set `ages` for the control steps `step` of the episodes, shape (n,)."""
+        if self.jitter:
+            _delay(step, self._latency, self.jitter, self._keys, self._arrival, self._acting, self.ages)
 
     def _in_substeps(self, latency: Any) -> Any:
         return np.rint(latency / self._simulation.period * self._simulation.substeps)
+
+    def _ages(self, latency: Any) -> Any:
+        """Return `ages` under constant latencies in substeps, shape (m,)."""
+        substep, substeps = np.arange(self._simulation.substeps)[:, np.newaxis], self._simulation.substeps
+        return -(-np.maximum(latency - substep, 0.0) // substeps)
 
 
 @inlined
@@ -99,35 +96,18 @@ def lateness(key: Any, step: int, latency: float, jitter: float) -> float:
 
 
 @compiled
-def _schedule(
-    action: Floats,
-    step: Integers,
-    latency: Integers,
-    jitter: float,
-    keys: Keys,
-    under_way: NDArray[np.float64],
-    arrival: Integers,
-    acting: Integers,
-    ages: Integers,
-    substeps: Floats,
-    last: Floats32,
+def _delay(
+    step: Integers, latency: Integers, jitter: float, keys: Keys, arrival: Integers, acting: Integers, ages: Ages
 ) -> None:
-    slots, rows = arrival.shape
-    count = substeps.shape[0] // ACTION_SIZE
-    for row in range(rows):
+    slots, count = arrival.shape[0], ages.shape[0]
+    for row in range(step.shape[0]):
         now, current = step[row], acting[row]
         late = int(lateness(keys[row], now, float(latency[row]), jitter))
         arrival[now % slots, row] = now * count + late
         if now > 0:
             arrival[now % slots, row] = max(now * count + late, arrival[(now - 1) % slots, row])
-        for i in range(ACTION_SIZE):
-            under_way[now % slots, i, row] = action[i, row]
         for substep in range(count):
             while current < now and arrival[(current + 1) % slots, row] <= now * count + substep:
                 current += 1
-            ages[substep, row] = now - current if current >= 0 else slots
-            for i in range(ACTION_SIZE):
-                substeps[substep * ACTION_SIZE + i, row] = under_way[current % slots, i, row] if current >= 0 else 0.0
+            ages[substep, row] = now - current
         acting[row] = current
-        for i in range(ACTION_SIZE):
-            last[row, i] = substeps[(count - 1) * ACTION_SIZE + i, row]

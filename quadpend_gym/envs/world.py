@@ -20,16 +20,13 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import VectorEnv
 
-from quadpend_gym.autopilots import Betaflight
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.core.delays import delay
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.packing import pack
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
 from quadpend_gym.envs.autopilot import AutopilotRows
 from quadpend_gym.envs.inputs import NO_ERROR, clip_rounding, find_error, raise_step_error
 from quadpend_gym.envs.kernel_layout import (
-    MEMORY_ACTION,
     MEMORY_PARAMETERS,
     MEMORY_REFERENCE,
     MEMORY_SIZE,
@@ -39,10 +36,10 @@ from quadpend_gym.envs.kernel_layout import (
     SENSED_STATE,
     pack_settings,
 )
-from quadpend_gym.envs.loops import LoopRows
+from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.envs.outcome import LOOP, StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.step_kernel import observe_sensed, step_euler, step_euler_drawn, step_rigid, step_rigid_drawn
+from quadpend_gym.envs.step_kernel import MEASURE, STEP, observe_sensed, run_euler, run_rigid
 from quadpend_gym.envs.threads import run_in_threads
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
@@ -72,27 +69,26 @@ class World:
         clock: Control steps since each episode began, shape (n,).
         episode: Number of the current episode of each sub-environment since it was seeded, shape (n,); −1 before the
             first.
+        schedule: Which action acts when, and the loops of the episodes.
         step_info: Reads `info` from an outcome.
     """
 
     def __init__(self, num_envs: int, scenario: Scenario, num_threads: int = 1) -> None:
         self.num_envs, self.scenario, self._num_threads = num_envs, scenario, num_threads
         task, simulation = self.task, self.simulation = scenario.task, scenario.simulation
-        self._plant = plant_of(simulation)
-        self._loops = None if scenario.loop is None else LoopRows(scenario.loop, simulation, num_envs)
-        self._plant_steps = 1  # of the kernel in a control period
-        self._step: Any = step_rigid if self._plant.memory_size else step_euler
-        if self._loops is not None:
-            self._drawn_step = step_rigid_drawn if self._plant.memory_size else step_euler_drawn
-            self._step = partial(self._drawn_step, self._loops.columns)
-        self._advance = self._step if num_threads == 1 else partial(run_in_threads, num_threads, self._step)
-        if scenario.autopilot is not None:
-            self._use_autopilot(scenario.autopilot)
-        self._memory = np.zeros((num_envs, MEMORY_SIZE + self._plant.memory_size))
-        # With a latency of k control periods and s substeps, the action of k + 1 steps ago acts during the first s
-        # substeps of a step, and the action of k steps ago afterwards. Actions before the episode are hover.
-        self._late_periods = simulation.delayed_substeps // simulation.substeps
-        self._under_way = np.zeros((self._late_periods * ACTION_SIZE, num_envs)).T
+        if scenario.autopilot is None:
+            self.schedule: Schedule | AutopilotRows = Schedule(scenario.loop, simulation, num_envs)
+            self._plant = plant_of(simulation)
+            self._kernel: Any = run_rigid if self._plant.memory_size else run_euler
+            self._plant_steps = 1  # of the kernel in a control period
+            self._run = self._kernel if num_threads == 1 else partial(run_in_threads, num_threads, self._kernel)
+        else:
+            self.schedule = autopilot = AutopilotRows(scenario.autopilot, scenario.loop, simulation, num_envs)
+            self._plant, self._kernel, self._run = plant_of(autopilot.plant_simulation), run_rigid, autopilot.run
+            self._plant_steps = autopilot.steps
+        under_way = ACTION_SIZE * (self.schedule.slots - 1)
+        self._memory = np.zeros((num_envs, MEMORY_SIZE + self._plant.memory_size + under_way))
+        self._diverged = np.zeros(num_envs, np.bool_)
         self.parameters[:] = simulation.parameters.as_array()
         self._observation_like = (num_envs, OBSERVATION_SIZE), np.dtype(np.float32)
         self.clock = np.zeros(num_envs, np.int64)
@@ -108,16 +104,10 @@ class World:
         self._wind_models = ModelBatch((), num_envs)
         self.add_wind(scenario.wind_models)
 
-    def _use_autopilot(self, autopilot: Betaflight) -> None:
-        """Let the firmware drive the rotors, in several steps of the kernel in a control period."""
-        rows = AutopilotRows(autopilot, self.scenario.loop, self.simulation, self.num_envs)
-        self._loops, self._advance, self._plant_steps = rows, rows.step, rows.steps
-        self._drawn_step, self._plant = step_rigid_drawn, plant_of(rows.plant_simulation)
-
     def close(self) -> None:
         """End the processes of an autopilot, if there is one."""
-        if isinstance(self._loops, AutopilotRows):
-            self._loops.close()
+        if isinstance(self.schedule, AutopilotRows):
+            self.schedule.close()
 
     @property
     def state(self) -> Floats:
@@ -137,12 +127,7 @@ class World:
     @property
     def plant_memory(self) -> Floats:
         """View of what the vehicles have besides the state, shape (n, k), see `physics.plants`."""
-        return self._memory[:, MEMORY_SIZE:]
-
-    @property
-    def loops(self) -> LoopRows | AutopilotRows | None:
-        """The loops of the episodes, if they are drawn."""
-        return self._loops
+        return self._memory[:, MEMORY_SIZE : MEMORY_SIZE + self._plant.memory_size]
 
     @property
     def actuator_memories(self) -> list[Floats]:
@@ -168,25 +153,18 @@ class World:
         self._wind_models = ModelBatch((*self._wind_models.models, *models), self.num_envs)
         all_models: tuple[Any, ...] = self._wind_models.models
         self._moves_air = any(model.moves_air for model in all_models)
-        self._pack_settings()
         self._require_reset()
 
-    def _pack_settings(self) -> None:
-        """Pack the settings of the kernel for a step, and for an observation, which advances nothing."""
-        self._settings, self._observe_settings = (
-            np.concatenate([pack_settings(self.task, self._plant, *arguments), self._trajectories.numbers])
-            for arguments in ((self._moves_air, self._plant.simulation.substeps), (False, 0))
-        )
-
     def _require_reset(self) -> None:
-        """Mark every sub-environment for reset, and recompute the fields of the info and the size of an outcome."""
+        """Mark every sub-environment for reset, and recompute what follows from the models."""
+        self._settings = pack_settings(self.task, self._plant, self._moves_air, bool(self._sensors.models))
         self._needs_reset = np.ones(self.num_envs, np.bool_)
         self._can_step = False
         self._columns_size = WIND_SIZE + (SENSED_SIZE if self._sensors.models else 0)
         self._columns = np.zeros((self._columns_size, self.num_envs))  # wind and sensed values of the kernel
-        self._checks_first = bool(self._actuators.models or self.simulation.latency or self._num_threads > 1)
-        self._checks_first |= self._loops is not None
-        drawn = self._parameter_ranges is not None, self._loops is not None
+        self._checks_first = bool(self._actuators.models or self.scenario.loop or self.scenario.autopilot)
+        self._checks_first |= self._num_threads > 1
+        drawn = self._parameter_ranges is not None, self.scenario.loop is not None
         self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), *drawn)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
         self._padded = self.num_envs >= 512
@@ -208,8 +186,7 @@ class World:
         if self._parameter_ranges is not None:
             nominal = self.simulation.parameters
             self.parameters[rows] = self._parameter_ranges.draw(nominal, streams.derive(PARAMETER_STREAM))
-        if self._loops is not None:
-            self._loops.start_episodes(rows, streams)
+        self.schedule.start_episodes(rows, streams)
         self._set_start(rows, options)
         if self._wind_models.models:
             self._start_wind(rows, streams.derive(WIND_STREAM))
@@ -240,9 +217,8 @@ class World:
             along = np.sum(view.direction * view.direction_rate, axis=-1, keepdims=True)
             view.direction_rate[:] -= along * view.direction
             self.state[rows] = view.array
-        self._memory[rows, MEMORY_SIZE:] = self._plant.initial_memory(self.state[rows])
-        self._memory[rows, MEMORY_ACTION] = 0.0
-        self._under_way[rows] = 0.0
+        self._memory[rows, MEMORY_SIZE:] = 0.0  # also the actions under way, which are hover
+        self.plant_memory[rows] = self._plant.initial_memory(self.state[rows])
 
     def _set_reference(self, rows: Integers, fixed: tuple[Trajectory, ...]) -> None:
         """Set the references of new episodes: one for all, one for each, or, if `fixed` is empty, those of the task."""
@@ -256,7 +232,6 @@ class World:
         followed = [None if isinstance(item, Reference) else item for item in fixed or (None,)]
         if self._trajectories.assign(rows, followed):
             self._memory[:, MEMORY_TRAJECTORY] = self._trajectories.first
-            self._pack_settings()
 
     def _start_wind(self, rows: Integers, streams: Streams) -> None:
         period, step, wind = self.simulation.period, self.clock[rows], np.zeros((WIND_SIZE, rows.size)).T
@@ -285,15 +260,9 @@ class World:
         self._sensors.apply(lambda model, memory, random: model.sense(measured, memory, self.clock, period, random))
 
     def _actuate(self, action: Floats32) -> Floats32:
-        """Return the action after the actuators and the latency, shape (n, 4)."""
-        if not (self._actuators.models or self._late_periods or self._loops):
-            return action
+        """Return the action after the actuators, shape (n, 4)."""
         out, simulation = np.asfortranarray(action, np.float64), self.simulation
         self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, simulation, random))
-        if self._loops is not None:
-            return self._loops.schedule(out.T, self.clock)
-        if self._late_periods:
-            delay(out, self.clock, self._under_way, self._late_periods)
         return out.astype(np.float32, order="C")
 
     def observe(self, rows: Integers) -> tuple[Floats32, Floats]:
@@ -306,11 +275,12 @@ class World:
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
         memory, clock = self._memory[rows], self.clock[rows] * self._plant_steps
-        columns = np.zeros((self._columns_size, rows.size))
-        step = self._step if self._loops is None else partial(self._drawn_step, self._loops.at_hover(rows))
-        step(memory, clock, columns, action, self._observe_settings, observation, outcome, 0, rows.size)
-        if self._loops is not None:
-            outcome[LOOP] = self._loops.drawn[:, rows]
+        columns, schedule = np.zeros((self._columns_size, rows.size)), self.schedule
+        inputs = memory, clock, columns, action, schedule.ages, schedule.loops.take(rows, axis=1)
+        numbers, diverged = (self._trajectories.numbers, self._settings), np.zeros(rows.size, np.bool_)
+        self._kernel(MEASURE, *inputs, *numbers, diverged, observation, outcome, 0, rows.size)
+        if self.scenario.loop is not None:
+            outcome[LOOP] = schedule.drawn[:, rows]
         if self._sensors.models:
             columns[_SENSED_STATE] = self._columns[_SENSED_STATE, rows]
             observe_sensed(columns, observation)
@@ -338,15 +308,19 @@ class World:
             error = find_error(action, self._columns[:WIND_SIZE])
             if error != NO_ERROR:
                 return self._step_clipped(error, action)
-            action = self._actuate(action)
-        memory, clock, columns, settings = self._memory, self.clock, self._columns, self._settings
-        error = self._advance(memory, clock, columns, action, settings, observation, outcome, 0, self.num_envs)
+            if self._actuators.models:
+                action = self._actuate(action)
+        columns, schedule = self._columns, self.schedule
+        schedule.advance(self.clock)
+        inputs = self._memory, self.clock, columns, action, schedule.ages, schedule.loops
+        outputs = self._diverged, observation, outcome
+        error = self._run(STEP, *inputs, self._trajectories.numbers, self._settings, *outputs, 0, self.num_envs)
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")
             return self._step_clipped(error, action)
-        if self._loops is not None:
-            outcome[LOOP, : self.num_envs] = self._loops.drawn
+        if self.scenario.loop is not None:
+            outcome[LOOP, : self.num_envs] = schedule.drawn
         if self._sensors.models:
             self._sense()
             observe_sensed(columns, observation)

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.elementary import select
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.dynamics import (
     centre_acceleration,
@@ -31,9 +32,9 @@ from quadpend_gym.physics.dynamics import (
     unconstrained_acceleration,
 )
 from quadpend_gym.physics.state import (
+    ACTION_SIZE,
     BOB_FORCE,
     COMMAND_SIZE,
-    COMMAND_TORQUE,
     DIRECTION,
     DIRECTION_RATE,
     DISTURBANCE_SIZE,
@@ -42,14 +43,27 @@ from quadpend_gym.physics.state import (
     FORCE,
     POSITION,
     STATE_SIZE,
-    THRUST,
     TORQUE,
     VELOCITY,
 )
-from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, load, load_four, norm, scale, store, store_four
+from quadpend_gym.physics.vectors import (
+    Four,
+    Vec3,
+    add,
+    axpy,
+    dot,
+    load,
+    load_four,
+    norm,
+    scale,
+    store,
+    store_four,
+    times,
+)
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 BLOCK = 64  # sub-environments in a block
+LOOP_THRUST = 0  # thrust and torques that act, divided by those that the same command makes in the nominal loop
 # In the (field, lane) buffers, the thrust axis follows the state.
 THRUST_AXIS = STATE_SIZE
 LANE_STATE_SIZE = STATE_SIZE + 3
@@ -57,10 +71,33 @@ DIVERGENCE_LIMIT = 1e6  # a state diverges when the sum of its absolute values r
 
 
 @inlined
-def store_command(action: Any, command_scale: Four, lane: int, out: Any) -> None:
-    """Write thrust and torques of the action in column `lane`, see `Simulation.command_scale`."""
-    a, s = load_four(action, 0, lane), command_scale
-    store_four(out, 0, lane, Four(s.a * (1.0 + a.a), s.b * a.b, s.c * a.c, s.d * a.d))
+def acting(issued: Any, ages: Any, substep: int, lane: int) -> Four:
+    """Return the action that acts in a substep.
+
+    Args:
+        issued: Actions of the last k control steps, the oldest first, in a (4 k, lane) buffer.
+        ages: Control steps since the action that acts was issued, by substep and lane.
+        substep: The substep.
+        lane: The lane.
+    """
+    action, newest = load_four(issued, 0, lane), issued.shape[0] // ACTION_SIZE - 1
+    for k in range(newest):
+        later = load_four(issued, ACTION_SIZE * (k + 1), lane)
+        acts = ages[substep, lane] < newest - k
+        action = Four(
+            select(acts, later.a, action.a),
+            select(acts, later.b, action.b),
+            select(acts, later.c, action.c),
+            select(acts, later.d, action.d),
+        )
+    return action
+
+
+@inlined
+def commanded(action: Four, command_scale: Four, thrust: float) -> Four:
+    """Return thrust (N) and torques (N·m) of an action, see `Simulation.command_scale`, times the factor `thrust`."""
+    s = times(thrust, command_scale)
+    return Four(s.a * (1.0 + action.a), s.b * action.b, s.c * action.c, s.d * action.d)
 
 
 @inlined
@@ -69,14 +106,18 @@ def _euler_at(euler: Vec3, rate: Vec3, acceleration: Vec3, time: float) -> Vec3:
 
 
 @inlined
-def _substep(state: Any, command: Any, disturbance: Any, physics_lanes: Any, lane: int, h: float) -> None:
-    """Advance column `lane` by h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
+def _substep(state: Any, command: Four, disturbance: Any, physics_lanes: Any, lane: int, h: float) -> None:
+    """Advance column `lane` by h under thrust and torques.
+
+    The suffixes 0, m and 1 mean the start, the middle and the end of the substep.
+    """
     physics = load_physics(physics_lanes, lane)
-    thrust = command[THRUST, lane]
+    thrust = command.a
     quadrotor_force, bob_force = load(disturbance, FORCE, lane), load(disturbance, BOB_FORCE, lane)
 
+    torque = Vec3(command.b, command.c, command.d)
     euler, euler_rate = load(state, EULER, lane), load(state, EULER_RATE, lane)
-    euler_ddot = euler_acceleration(add(load(command, COMMAND_TORQUE, lane), load(disturbance, TORQUE, lane)), physics)
+    euler_ddot = euler_acceleration(add(torque, load(disturbance, TORQUE, lane)), physics)
     euler_end = _euler_at(euler, euler_rate, euler_ddot, h)
     axis_end = thrust_axis(euler_end)
     force_0 = axpy(thrust, load(state, THRUST_AXIS, lane), quadrotor_force)
@@ -134,15 +175,47 @@ def scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
 
 
 @inlined
-def integrate(
-    state: Any, command: Any, disturbance: Any, physics: Any, lanes: int, period: float, substeps: int
+def add_mean(value: Four, number: int, lane: int, out: Any) -> None:
+    """Let the mean of the values 0 to `number` replace that of the values before, in the four rows of `out`.
+
+    The mean of equal values is exact.
+    """
+    if number == 0:
+        store_four(out, 0, lane, value)
+    else:
+        mean = load_four(out, 0, lane)
+        gap = Four(value.a - mean.a, value.b - mean.b, value.c - mean.c, value.d - mean.d)
+        share = 1.0 / (number + 1.0)
+        a, b, c, d = mean.a + share * gap.a, mean.b + share * gap.b, mean.c + share * gap.c, mean.d + share * gap.d
+        store_four(out, 0, lane, Four(a, b, c, d))
+
+
+@inlined
+def integrate_euler(
+    state: Any,
+    issued: Any,
+    ages: Any,
+    loops: Any,
+    disturbance: Any,
+    physics: Any,
+    command_scale: Four,
+    lanes: int,
+    period: float,
+    substeps: int,
+    command: Any,
 ) -> None:
-    """Advance one block as `advance` does, in (field, lane) buffers; `state` has `LANE_STATE_SIZE` fields."""
+    """Advance one block by a control period, in (field, lane) buffers; `state` has `LANE_STATE_SIZE` fields.
+
+    `issued` and `ages` are those of `acting`; the first row of `loops` has the factor of the thrust. The mean of thrust
+    (N) and torques (N·m) over the period is written into `command`.
+    """
     for lane in range(lanes):
         store(state, THRUST_AXIS, lane, thrust_axis(load(state, EULER, lane)))
-    for _ in range(substeps):
+    for substep in range(substeps):
         for lane in range(lanes):
-            _substep(state, command, disturbance, physics, lane, period / substeps)
+            wrench = commanded(acting(issued, ages, substep, lane), command_scale, loops[LOOP_THRUST, lane])
+            _substep(state, wrench, disturbance, physics, lane, period / substeps)
+            add_mean(wrench, substep, lane, command)
 
 
 @compiled
@@ -162,5 +235,10 @@ def advance(
         gather(command, first, lanes, command_lanes)
         gather(disturbance, first, lanes, disturbance_lanes)
         gather(parameters, first, lanes, physics_lanes)
-        integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
+        for lane in range(lanes):
+            store(state_lanes, THRUST_AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
+        for _ in range(substeps):
+            for lane in range(lanes):
+                wrench = load_four(command_lanes, 0, lane)
+                _substep(state_lanes, wrench, disturbance_lanes, physics_lanes, lane, period / substeps)
         scatter(state_lanes, first, lanes, state)

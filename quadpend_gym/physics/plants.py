@@ -15,7 +15,7 @@ from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.allocation import mean_wrench, rigid_actions
 from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, advance_rigid, rigid_from_state
-from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings, pack_rigid
+from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings, nominal_loop, pack_rigid
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, THRUST
 from quadpend_gym.vehicles import Simulation
 
@@ -67,16 +67,9 @@ class EulerPlant:
         return action
 
     def advance(
-        self,
-        state: Floats,
-        memory: Floats,
-        action: Floats32 | Floats,
-        disturbance: Floats,
-        parameters: Floats,
-        action_before: Floats | None = None,
-        switch: int = 0,
+        self, state: Floats, memory: Floats, action: Floats32 | Floats, disturbance: Floats, parameters: Floats
     ) -> None:
-        """Advance states and their memories in place by one control period in air at rest.
+        """Advance states and their memories in place by one control period in air at rest, without latency.
 
         Args:
             state: States, shape (n, 18).
@@ -84,14 +77,8 @@ class EulerPlant:
             action: Actions, shape (n, 4).
             disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9); rigid vehicles add their drag to them.
             parameters: Physical parameters in the order of `Parameters.as_array`, shape (n, 9).
-            action_before: Actions during the first `switch` substeps, shape (n, 4); None: `action`.
-            switch: Number of substeps at the beginning in which `action_before` acts.
         """
-        simulation, before = self.simulation, action if action_before is None else action_before
-        for acting, count in ((before, switch), (action, simulation.substeps - switch)):
-            if count > 0:
-                share = 1.0 if count == simulation.substeps else count / simulation.substeps
-                advance(state, self.command(acting), disturbance, parameters, share * simulation.period, count)
+        self.advance_under(self.command(action), state, disturbance, parameters)
 
     def advance_under(self, command: Floats, state: Floats, disturbance: Floats, parameters: Floats) -> None:
         """Advance states in place under thrust (N) and torques (N·m) that act at once, shape (n, 4)."""
@@ -122,19 +109,11 @@ class RigidPlant(EulerPlant):
 
     @override
     def advance(
-        self,
-        state: Floats,
-        memory: Floats,
-        action: Floats32 | Floats,
-        disturbance: Floats,
-        parameters: Floats,
-        action_before: Floats | None = None,
-        switch: int = 0,
+        self, state: Floats, memory: Floats, action: Floats32 | Floats, disturbance: Floats, parameters: Floats
     ) -> None:
-        simulation, given = self.simulation, np.asarray(action, np.float64)
-        before = given if action_before is None else np.asarray(action_before, np.float64)
-        arrays = state, memory, before, given, disturbance, parameters
-        advance_rigid(*arrays, pack_rigid(simulation), simulation.period, simulation.substeps, switch)
+        simulation = self.simulation
+        arrays = state, memory, np.asarray(action, np.float64), disturbance, parameters
+        advance_rigid(*arrays, pack_rigid(simulation), nominal_loop(simulation), simulation.period, simulation.substeps)
 
     @override
     def advance_under(self, command: Floats, state: Floats, disturbance: Floats, parameters: Floats) -> None:

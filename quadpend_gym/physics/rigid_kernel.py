@@ -42,7 +42,7 @@ from quadpend_gym.physics.attitude import (
 )
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import load_physics
-from quadpend_gym.physics.euler_kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, gather, scatter
+from quadpend_gym.physics.euler_kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, acting, add_mean, gather, scatter
 from quadpend_gym.physics.rigid_body import (
     LANE_BODY_SIZE,
     Loads,
@@ -129,10 +129,10 @@ def command_rotors(action: Four, thrusts: Four, rate: Vec3, rigid: RigidSettings
 
 
 @inlined
-def _prepare(state: Any, action: Any, velocity: Any, rigid: RigidSettings, lane: int) -> None:
+def _prepare(state: Any, action: Four, velocity: Any, rigid: RigidSettings, lane: int) -> None:
     """Write the commanded rotor thrusts and the drag of the rotors for a substep."""
     thrusts, rate = load_four(state, _ROTOR_THRUST, lane), load(state, _BODY_RATE, lane)
-    store_four(state, _WANTED, lane, command_rotors(load_four(action, 0, lane), thrusts, rate, rigid))
+    store_four(state, _WANTED, lane, command_rotors(action, thrusts, rate, rigid))
     rotation = rotation_matrix(_load_quaternion(state, lane))
     relative = to_body(rotation, axpy(-1.0, load(state, VELOCITY, lane), load(velocity, 0, lane)))
     drag = rigid.rotor_drag
@@ -149,8 +149,11 @@ def _wrench(thrusts: Four, rigid: RigidSettings) -> Wrench:
 @inlined
 def _substep(
     state: Any, disturbance: Any, physics: Parameters, body: RigidPhysics, rigid: RigidSettings, lane: int, h: float
-) -> None:
-    """Advance column `lane` by h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
+) -> Four:
+    """Advance column `lane` by h, and return the mean of thrust (N) and torques (N·m), by Simpson's rule.
+
+    The suffixes 0, m and 1 mean the start, the middle and the end of the substep.
+    """
     rotors = rigid.rotors
     start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
     thrusts_1 = thrusts_after(start, wanted, rotors.rise.z, rotors.fall.z)
@@ -199,6 +202,8 @@ def _substep(
     store_four(state, _QUATERNION, lane, attitude)
     store(state, _BODY_RATE, lane, end.rate)
     store_four(state, _ROTOR_THRUST, lane, thrusts_1)
+    torque = scale(1.0 / 6.0, add(axpy(4.0, wrench_m.torque, wrench_0.torque), wrench_1.torque))
+    return Four((wrench_0.thrust + 4.0 * wrench_m.thrust + wrench_1.thrust) / 6.0, torque.x, torque.y, torque.z)
 
 
 @inlined
@@ -211,16 +216,18 @@ def store_outputs(state: Any, lane: int) -> None:
 
 
 @inlined
-def store_wrench(state: Any, rigid: RigidSettings, lane: int, out: Any) -> None:
-    """Write the thrust (N) and the torques (N·m) of the rotors in column `lane` into the four rows of `out`."""
-    store_four(out, 0, lane, multiply(rigid.rotors.mixing, load_four(state, _ROTOR_THRUST, lane)))
+def store_present(state: Any, rigid: RigidSettings, lane: int, command: Any) -> None:
+    """Write the thrust axis, and the thrust (N) and the torques (N·m) of the rotors at this moment into `command`."""
+    store(state, THRUST_AXIS, lane, rotation_matrix(_load_quaternion(state, lane)).z)
+    store_four(command, 0, lane, multiply(rigid.rotors.mixing, load_four(state, _ROTOR_THRUST, lane)))
 
 
 @inlined
 def integrate_rigid(
     state: Any,
-    action_before: Any,
-    action: Any,
+    issued: Any,
+    ages: Any,
+    loops: Any,
     disturbance: Any,
     velocity: Any,
     parameters: Any,
@@ -228,18 +235,13 @@ def integrate_rigid(
     lanes: int,
     period: float,
     substeps: int,
-    switch: int,
-    loops: Any = None,
+    command: Any,
 ) -> None:
-    """Advance one block as `advance_rigid` does, in (field, lane) buffers; `state` has `RIGID_LANE_SIZE` fields.
+    """Advance one block by a control period, in (field, lane) buffers; `state` has `RIGID_LANE_SIZE` fields.
 
-    With 0 substeps only the thrust axis is written. `loops` has the numbers of `with_loop`, followed by the actions of
-    each substep, which then replace `action` and `action_before`; None: the loop of every lane is nominal.
+    `issued` and `ages` are those of `euler_kernel.acting`, `loops` has the numbers of `with_loop`. The mean of thrust
+    (N) and torques (N·m) of the rotors over the period is written into `command`.
     """
-    if substeps == 0:
-        for lane in range(lanes):
-            store(state, THRUST_AXIS, lane, rotation_matrix(_load_quaternion(state, lane)).z)
-        return
     for lane in range(lanes):
         add_drag(load(velocity, 0, lane), state, parameters, lane, disturbance)
         body = rigid_physics(load_physics(parameters, lane), rigid.correlation, rigid.pivot, rigid.shape)
@@ -247,16 +249,8 @@ def integrate_rigid(
         state[_MOMENTUM, lane] = 0.0
     h, has_momentum = period / substeps, rigid.rotors.momentum > 0.0
     for substep in range(substeps):
-        if loops is not None:
-            acting = loops[LOOP_SIZE + ACTION_SIZE * substep :]
-            for lane in range(lanes):
-                _prepare(state, acting, velocity, with_loop(rigid, loops, lane), lane)
-        elif substep < switch:
-            for lane in range(lanes):
-                _prepare(state, action_before, velocity, rigid, lane)
-        else:
-            for lane in range(lanes):
-                _prepare(state, action, velocity, rigid, lane)
+        for lane in range(lanes):
+            _prepare(state, acting(issued, ages, substep, lane), velocity, with_loop(rigid, loops, lane), lane)
         if has_momentum:
             for lane in range(lanes):
                 start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
@@ -265,7 +259,8 @@ def integrate_rigid(
                 state[_MOMENTUM, lane] = propeller_momentum(middle, rotors)
         for lane in range(lanes):
             physics, body = load_physics(parameters, lane), load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
-            _substep(state, disturbance, physics, body, with_loop(rigid, loops, lane), lane, h)
+            mean = _substep(state, disturbance, physics, body, with_loop(rigid, loops, lane), lane, h)
+            add_mean(mean, substep, lane, command)
     for lane in range(lanes):
         store_outputs(state, lane)
 
@@ -274,35 +269,41 @@ def integrate_rigid(
 def advance_rigid(
     state: Floats,
     memory: Floats,
-    action_before: Floats,
     action: Floats,
     disturbance: Floats,
     parameters: Floats,
     packed: Floats,
+    loop: Floats,
     period: float,
     substeps: int,
-    switch: int,
 ) -> None:
     """Advance n states and their memories, shape (n, 11), in place by one period, see `RigidPlant.advance`.
 
-    `packed` is a packed `RigidSettings`.
+    `packed` is a packed `RigidSettings`; `loop` has the numbers of `with_loop`, shape (7,).
     """
     rigid = unpack_rigid(packed)
-    state_lanes, before_lanes = np.empty((RIGID_LANE_SIZE, BLOCK)), np.empty((ACTION_SIZE, BLOCK))
-    action_lanes, disturbance_lanes = np.empty((ACTION_SIZE, BLOCK)), np.empty((DISTURBANCE_SIZE, BLOCK))
+    state_lanes, issued, loops = (
+        np.empty((RIGID_LANE_SIZE, BLOCK)),
+        np.empty((ACTION_SIZE, BLOCK)),
+        np.empty((LOOP_SIZE, BLOCK)),
+    )
+    ages, command = np.zeros((substeps, BLOCK), np.int16), np.empty((ACTION_SIZE, BLOCK))
+    disturbance_lanes = np.empty((DISTURBANCE_SIZE, BLOCK))
     velocity_lanes, physics_lanes = np.zeros((3, BLOCK)), np.empty((PARAMETERS_SIZE, BLOCK))
+    for field in range(LOOP_SIZE):
+        loops[field] = loop[field]
     for first in range(0, state.shape[0], BLOCK):
         lanes = min(BLOCK, state.shape[0] - first)
         gather(state, first, lanes, state_lanes)
         gather(memory, first, lanes, state_lanes[RIGID:])
-        gather(action_before, first, lanes, before_lanes)
-        gather(action, first, lanes, action_lanes)
+        gather(action, first, lanes, issued)
         gather(disturbance, first, lanes, disturbance_lanes)
         gather(parameters, first, lanes, physics_lanes)
         integrate_rigid(
             state_lanes,
-            before_lanes,
-            action_lanes,
+            issued,
+            ages,
+            loops,
             disturbance_lanes,
             velocity_lanes,
             physics_lanes,
@@ -310,7 +311,7 @@ def advance_rigid(
             lanes,
             period,
             substeps,
-            switch,
+            command,
         )
         scatter(state_lanes, first, lanes, state)
         scatter(state_lanes[RIGID:], first, lanes, memory)

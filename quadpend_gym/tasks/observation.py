@@ -103,14 +103,15 @@ class TrackingErrors(NamedTuple):
 
 @inlined
 def tracking_errors(state: Any, lane: int, rod_length: float, target: Target) -> TrackingErrors:
-    """Return the tracking errors of the state in column `lane` of an (18, n) buffer."""
+    """Return the tracking errors of the state in column `lane` of an (18, n) buffer; that of the yaw is in [−π, π]."""
     position, velocity = load(state, POSITION, lane), load(state, VELOCITY, lane)
     bob = axpy(rod_length, load(state, DIRECTION, lane), position)
     bob_rate = axpy(rod_length, load(state, DIRECTION_RATE, lane), velocity)
     wanted, wanted_rate = target.position, target.velocity
     error = Vec3(bob.x - wanted.x, bob.y - wanted.y, position.z - wanted.z)
     error_rate = Vec3(bob_rate.x - wanted_rate.x, bob_rate.y - wanted_rate.y, velocity.z - wanted_rate.z)
-    return TrackingErrors(error, error_rate, load(state, EULER, lane).z - target.yaw)
+    turned = load(state, EULER, lane).z - target.yaw
+    return TrackingErrors(error, error_rate, turned - 2.0 * np.pi * np.rint(turned / (2.0 * np.pi)))
 
 
 _RECIPROCAL = (1.0 / OBSERVATION_SCALE).astype(np.float32)

@@ -27,7 +27,7 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import unpacker
 from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import REFERENCE_STREAM, Keys, derive, uniform, uniform_between
-from quadpend_gym.physics.vectors import Vec3
+from quadpend_gym.physics.vectors import Vec3, load, store
 
 CHANNELS = 4
 REFERENCE_SIZE = 5 * CHANNELS
@@ -77,6 +77,39 @@ class ReferencePoint(NamedTuple):
     yaw: float
     yaw_rate: float
     yaw_acceleration: float
+
+
+POINT_SIZE = 24
+
+
+@inlined
+def load_point(lanes: Any, lane: int) -> ReferencePoint:
+    """Return the point in column `lane` of a (24, n) buffer."""
+    return ReferencePoint(
+        load(lanes, 0, lane),
+        load(lanes, 3, lane),
+        load(lanes, 6, lane),
+        load(lanes, 9, lane),
+        load(lanes, 12, lane),
+        load(lanes, 15, lane),
+        load(lanes, 18, lane),
+        lanes[21, lane],
+        lanes[22, lane],
+        lanes[23, lane],
+    )
+
+
+@inlined
+def store_point(point: ReferencePoint, lane: int, lanes: Any) -> None:
+    """Write a point into column `lane` of a (24, n) buffer."""
+    store(lanes, 0, lane, point.d0)
+    store(lanes, 3, lane, point.d1)
+    store(lanes, 6, lane, point.d2)
+    store(lanes, 9, lane, point.d3)
+    store(lanes, 12, lane, point.d4)
+    store(lanes, 15, lane, point.d5)
+    store(lanes, 18, lane, point.d6)
+    store(lanes, 21, lane, Vec3(point.yaw, point.yaw_rate, point.yaw_acceleration))
 
 
 @settings

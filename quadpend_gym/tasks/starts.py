@@ -36,7 +36,7 @@ from quadpend_gym.physics.dynamics import load_physics
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, cross, dot, norm, scale, store
 from quadpend_gym.tasks.references import ReferencePoint
-from quadpend_gym.tasks.trajectories import point_at
+from quadpend_gym.tasks.trajectories import followed_at, reference_at
 from quadpend_gym.vehicles import Parameters, Simulation
 
 
@@ -180,5 +180,5 @@ def draw_starts(
     bounds, geometry = _unpack(ranges), StartPole(pole[0], pole[1], pole[2])
     for row in rows:
         key = derive(derive(seeds[row], episodes[row]), START_STREAM)
-        point = point_at((numbers, first), row, reference.T, row, 0.0)
+        point = reference_at(reference.T, row, 0.0) if first[row] < 0 else followed_at(numbers, first[row], 0.0)
         draw_start(key, bounds, geometry, point, load_physics(parameters.T, row), state.T, row)

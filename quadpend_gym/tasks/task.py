@@ -23,7 +23,7 @@ class Limits:
     # largest angle of the body from level; π disables this limit
     body_angle: Annotated[float, Range(0.0, np.pi, "rad")] = np.pi * 80 / 180
     tracking_error: Annotated[float, Range(0.0, 1e9, "m")] = 3.0  # tracking error beyond which the episode ends
-    # height of the ground, which neither the quadrotor nor the bob may touch
+    # height of the ground, which neither the quadrotor nor the tip of the pole may touch
     ground: Annotated[float, Range(-1e9, 1e9, "m")] = 0.0
 
 

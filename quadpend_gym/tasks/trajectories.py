@@ -93,25 +93,27 @@ def _trajectory_channel(numbers: Any, first: int, channel: int, time: float) -> 
 
 
 @inlined
-def _channel(trajectories: Any, row: int, lanes: Any, lane: int, channel: int, time: float) -> Derivatives:
-    if trajectories is None:
-        return channel_derivatives(lanes, channel, lane, time)
-    numbers, first = trajectories[0], int(trajectories[1][row])
-    if first < 0:
-        return channel_derivatives(lanes, channel, lane, time)
-    return _trajectory_channel(numbers, first, channel, time)
+def followed_at(numbers: Any, first: int, time: float) -> ReferencePoint:
+    """Return the point of the packed trajectory that begins at numbers[first], at `time` (s)."""
+    x = _trajectory_channel(numbers, first, 0, time)
+    y = _trajectory_channel(numbers, first, 1, time)
+    z = _trajectory_channel(numbers, first, 2, time)
+    yaw = _trajectory_channel(numbers, first, 3, time)
+    return _point(x, y, z, yaw)
 
 
 @inlined
-def point_at(trajectories: Any, row: int, lanes: Any, lane: int, time: float) -> ReferencePoint:
-    """Return the reference of sub-environment `row`, that in column `lane` of a (20, m) buffer, at `time` (s).
+def reference_at(lanes: Any, lane: int, time: float) -> ReferencePoint:
+    """Return the point of the `Reference` in column `lane` of a (20, m) buffer, at `time` (s)."""
+    x = channel_derivatives(lanes, 0, lane, time)
+    y = channel_derivatives(lanes, 1, lane, time)
+    z = channel_derivatives(lanes, 2, lane, time)
+    yaw = channel_derivatives(lanes, 3, lane, time)
+    return _point(x, y, z, yaw)
 
-    `trajectories` are `numbers` and `first` of a `TrajectoryTable`, or None if all have a `Reference`.
-    """
-    x = _channel(trajectories, row, lanes, lane, 0, time)
-    y = _channel(trajectories, row, lanes, lane, 1, time)
-    z = _channel(trajectories, row, lanes, lane, 2, time)
-    yaw = _channel(trajectories, row, lanes, lane, 3, time)
+
+@inlined
+def _point(x: Derivatives, y: Derivatives, z: Derivatives, yaw: Derivatives) -> ReferencePoint:
     return ReferencePoint(
         Vec3(x[0], y[0], z[0]),
         Vec3(x[1], y[1], z[1]),

@@ -33,12 +33,17 @@ class Pole:
     extent: Annotated[float | None, Range(0.01, 40.0, "m")] = None  # full length from the pivot; None: twice `length`
 
     def __post_init__(self) -> None:
-        extent = 2.0 * self.length if self.extent is None else self.extent
+        extent = self.full_length
         if extent < self.length:
             raise ValueError(f"pole.extent must be at least the length of {self.length:g} m, not {extent:g} m")
         if self.inertia > 0.25 * self.mass * extent**2:
             most = 0.25 * self.mass * extent**2
             raise ValueError(f"pole.inertia must be at most {most:.3g} kg·m² (m extent²/4), not {self.inertia:g}")
+
+    @property
+    def full_length(self) -> float:
+        """The distance from the pivot to the tip, m."""
+        return 2.0 * self.length if self.extent is None else self.extent
 
     @property
     def equivalent_length(self) -> float:

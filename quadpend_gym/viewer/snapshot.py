@@ -53,7 +53,7 @@ def shape_of(vehicle: Vehicle | None) -> Shape:
         hubs, spins = PAPER_SHAPE.hubs * arm / ARM, PAPER_SHAPE.spins
     reach = float(np.hypot(hubs[:, 0], hubs[:, 1]).max())
     gaps = np.linalg.norm(hubs[:, np.newaxis] - hubs, axis=-1)
-    height = vehicle.pole.extent or 2.0 * vehicle.pole.length
+    height = vehicle.pole.full_length
     distance = float(np.clip(max(2.2 * height, 8.0 * reach), 0.1 * _PAPER_DISTANCE, 10.0 * _PAPER_DISTANCE))
     scale, distance_scale = reach / ARM, distance / _PAPER_DISTANCE
     return Shape(

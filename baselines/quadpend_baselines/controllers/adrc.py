@@ -80,7 +80,6 @@ from quadpend_baselines.estimation.estimator import (
     measure,
     store_attitude,
     unpack_loop,
-    unpack_plant,
 )
 from quadpend_baselines.estimation.estimator import DISTURBANCE as PLANT_DISTURBANCE
 from quadpend_baselines.estimation.loop import Loop
@@ -276,7 +275,7 @@ def _observe(
     last: Any, observation: Floats32, bank: Floats, packed: Floats, packed_loop: Any, packed_rigid: Any, out: Floats
 ) -> None:
     """Write the observers' states after an observation, and its part without rates."""
-    (before, started), numbers, plant, memory = last, unpack_numbers(packed), unpack_plant(packed_loop[2]), out.T
+    (before, started), numbers, plant, memory = last, unpack_numbers(packed), unpack_loop(packed_loop).plant, out.T
     model, rigid = plant.pendulum, None if packed_rigid is None else unpack_rigid(packed_rigid)
     has_rates = observation.shape[1] == OBSERVATION_SIZE
     for row in range(out.shape[0]):

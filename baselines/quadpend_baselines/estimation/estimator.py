@@ -81,7 +81,7 @@ from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.attitude import body_rate, quaternion_from_euler
-from quadpend_gym.physics.euler_kernel import integrate, store_command
+from quadpend_gym.physics.euler_kernel import integrate_euler
 from quadpend_gym.physics.rigid_kernel import (
     BODY_RATE,
     QUATERNION,
@@ -91,7 +91,7 @@ from quadpend_gym.physics.rigid_kernel import (
     ROTOR_THRUST,
     integrate_rigid,
 )
-from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
+from quadpend_gym.physics.rigid_settings import RigidSettings, nominal_loop, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, POSITION, STATE_SIZE, VELOCITY
 from quadpend_gym.physics.vectors import Four, Vec3, load, store, store_four
 from quadpend_gym.tasks.observation import (
@@ -107,14 +107,15 @@ _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the
 _LEAST_HEIGHT = float(np.sqrt(1.0 - _MAX_HORIZONTAL**2))  # r_z there
 ORDERS = 5  # derivatives of the reference, of order 2 … 6
 STATE, DISTURBANCE, REFERENCE, YAW, MASS_RATIO, AGE, INNOVATION, RIGID_PART, LOOP = 0, 18, 27, 42, 45, 46, 47, 65, 76
-# Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, action and the one
-# before, disturbance and velocity of the air.
+# Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, the action before and this
+# one, disturbance, velocity of the air, and command.
 _PARAMETERS = RIGID_LANE_SIZE
-_ACTION = _PARAMETERS + PARAMETERS_SIZE
-_BEFORE = _ACTION + ACTION_SIZE
-_FORCES = _BEFORE + ACTION_SIZE
+_BEFORE = _PARAMETERS + PARAMETERS_SIZE
+_ACTION = _BEFORE + ACTION_SIZE
+_FORCES = _ACTION + ACTION_SIZE
 _AIR = _FORCES + DISTURBANCE_SIZE
-BUFFER_SIZE = _AIR + 3
+_COMMAND = _AIR + 3
+BUFFER_SIZE = _COMMAND + ACTION_SIZE
 TRACKING_ERROR, _TRACKING_ERROR_RATE, DIRECTION, _DIRECTION_RATE, ATTITUDE, _EULER_RATE = (
     OBSERVATION_FIELDS[name].start
     for name in ("tracking_error", "tracking_error_rate", "direction", "direction_rate", "attitude", "euler_rate")
@@ -181,7 +182,9 @@ class PlantNumbers(NamedTuple):
 class LoopNumbers(NamedTuple):
     """The vehicle and the parts of a known loop by which an estimate advances in turn, see `Prediction`."""
 
-    parts: Any  # length (s), substeps, and substeps at its beginning in which the action before acts, shape (k, 3)
+    parts: Any  # length (s) and substeps, shape (k, 2)
+    ages: Any  # of the action that acts in each substep, see `euler_kernel.acting`, shape (k, s, 1)
+    nominal: Any  # numbers of the loop, see `rigid_settings.nominal_loop`, shape (7, 1)
     actuators: Any  # `Loop.numbers` of each part, shape (k, m, 4)
     plant: PlantNumbers
 
@@ -192,7 +195,7 @@ unpack_plant = unpacker(PlantNumbers)
 @inlined
 def unpack_loop(packed: Any) -> LoopNumbers:
     """Return the numbers that `Prediction.numbers` has packed."""
-    return LoopNumbers(packed[0], packed[1], unpack_plant(packed[2]))
+    return LoopNumbers(packed[0], packed[1], packed[2], packed[3], unpack_plant(packed[4]))
 
 
 @inlined
@@ -238,14 +241,14 @@ def advance(
     Its reference moves along. The buffer has the shape (BUFFER_SIZE, 1).
     """
     plant, actuators = loop.plant, loop.actuators[k]
-    period, substeps, switch = loop.parts[k, 0], int(loop.parts[k, 1]), int(loop.parts[k, 2])
-    acting, before = buffer[_ACTION:_BEFORE], buffer[_BEFORE:_FORCES]
+    period, substeps, ages = loop.parts[k, 0], int(loop.parts[k, 1]), loop.ages[k]
+    issued, acting, command = buffer[_BEFORE:_FORCES], buffer[_ACTION:_FORCES], buffer[_COMMAND:BUFFER_SIZE]
     store_four(acting, 0, 0, action)
     act(acting, plant.delay, actuators, memory, LOOP, lane)
     last = LOOP + ACTION_SIZE * (plant.delay + actuators.shape[0])
-    if switch > 0:
+    if ages[0, 0] > 0:
         for i in range(ACTION_SIZE):
-            before[i, 0], memory[last + i, lane] = memory[last + i, lane], acting[i, 0]
+            issued[i, 0], memory[last + i, lane] = memory[last + i, lane], acting[i, 0]
     for i in range(STATE_SIZE):
         buffer[i, 0] = memory[i, lane]
     for i in range(DISTURBANCE_SIZE):
@@ -257,16 +260,16 @@ def advance(
     buffer[_PARAMETERS + BOB_MASS, 0] = memory[MASS_RATIO, lane] * p.bob_mass
     buffer[_PARAMETERS + PARAMETERS_SIZE - 2, 0] = plant.quadrotor_drag_area
     buffer[_PARAMETERS + PARAMETERS_SIZE - 1, 0] = plant.bob_drag_area
-    lanes, parameters, forces = buffer[:_PARAMETERS], buffer[_PARAMETERS:_ACTION], buffer[_FORCES:_AIR]
+    lanes, parameters, forces = buffer[:_PARAMETERS], buffer[_PARAMETERS:_BEFORE], buffer[_FORCES:_AIR]
     if rigid is None:
-        store_command(acting, plant.command_scale, 0, acting)
-        integrate(lanes, acting, forces, parameters, 1, period, substeps)
+        scale, numbers = plant.command_scale, loop.nominal
+        integrate_euler(lanes, issued, ages, numbers, forces, parameters, scale, 1, period, substeps, command)
     else:
         for i in range(RIGID_SIZE):
             buffer[RIGID + i, 0] = memory[RIGID_PART + i, lane]
-        air = buffer[_AIR:BUFFER_SIZE]
+        air, numbers = buffer[_AIR:_COMMAND], loop.nominal
         store(air, 0, 0, Vec3(0.0, 0.0, 0.0))
-        integrate_rigid(lanes, before, acting, forces, air, parameters, rigid, 1, period, substeps, switch)
+        integrate_rigid(lanes, issued, ages, numbers, forces, air, parameters, rigid, 1, period, substeps, command)
         for i in range(RIGID_SIZE):
             memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
     for i in range(STATE_SIZE):
@@ -346,7 +349,7 @@ class Prediction:
 
     @cached_property
     def parts(self) -> Floats:
-        """The control period, and the periods and parts of one until the next action acts: `Part`s, shape (k, 3)."""
+        """The control period, and the periods and parts of one until the next action acts: s and substeps, (k, 2)."""
         substeps, switch = self.simulation.substeps, self._latency[1]
         substep = self.simulation.period / substeps
         numbers = [substeps] * (1 + self.loop.steps)
@@ -354,7 +357,7 @@ class Prediction:
         while rest > 0:
             numbers.append(min(rest, substeps))
             rest -= numbers[-1]
-        return np.array([[n * substep if n < substeps else self.simulation.period, n, switch] for n in numbers])
+        return np.array([[n * substep if n < substeps else self.simulation.period, n] for n in numbers])
 
     @cached_property
     def actuators(self) -> Floats:
@@ -363,11 +366,14 @@ class Prediction:
 
     @cached_property
     def numbers(self) -> tuple[Any, Floats | None]:
-        """What compiled functions need: parts, actuators, packed `PlantNumbers`, packed settings of a rigid vehicle."""
+        """What compiled functions need: packed `LoopNumbers`, and packed settings of a rigid vehicle."""
         model, p, scale = equivalent_model(self.simulation), self.simulation.parameters, self.simulation.command_scale
         areas, loop = (p.quadrotor_drag_area, p.bob_drag_area), self.loop
         plant = PlantNumbers(model.numbers, *areas, Four(*scale.tolist()), loop.steps, loop.sensor_delay)
-        return (self.parts, self.actuators, pack(plant)), model.packed_rigid
+        begins = np.arange(self.simulation.substeps) < self._latency[1]  # with the action before
+        ages = np.tile(begins.astype(np.int16)[:, np.newaxis], (len(self.parts), 1, 1))
+        nominal = nominal_loop(self.simulation)[:, np.newaxis]
+        return (self.parts, ages, nominal, self.actuators, pack(plant)), model.packed_rigid
 
     def compensate(self, wanted: Floats32, estimate: Floats) -> Floats32:
         """Return the actions that compensate the lags of the loop, shape (n, 4), see `loop.compensate`.

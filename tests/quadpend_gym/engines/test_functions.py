@@ -9,7 +9,8 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs import outcome as places
-from quadpend_gym.envs.step_kernel import step_euler, step_rigid
+from quadpend_gym.envs.loops import Schedule
+from quadpend_gym.envs.step_kernel import STEP, run_euler, run_rigid
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.task import TASKS
@@ -32,22 +33,17 @@ def call(function: Any, *arguments: Floats) -> list[Floats]:
 def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
     """Return next state, next memory, observation and outcome of the compiled step."""
     rows, plant = len(x.state), plant_of(simulation)
-    size, step = plant.memory_size, step_rigid if plant.memory_size else step_euler
-    memory, outcome = np.zeros((rows, layout.MEMORY_SIZE + size)), np.zeros((places.OUTCOME_SIZE, rows))
+    size, schedule = plant.memory_size, Schedule(None, simulation, rows)
+    outcome = np.zeros((places.OUTCOME_SIZE, rows))
+    memory = np.hstack([np.zeros((rows, layout.MEMORY_SIZE)), x.memory])
     memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS] = x.state, x.parameters
     memory[:, layout.MEMORY_REFERENCE] = x.reference
-    queue = np.hstack([x.memory[:, size:], x.action])
-    switch = simulation.delayed_substeps % simulation.substeps
-    memory[:, layout.MEMORY_ACTION], acting = queue[:, :4], queue[:, 4:8] if switch else queue[:, :4]
-    if size:
-        memory[:, layout.MEMORY_RIGID] = x.memory[:, :size]
     observation = np.zeros((rows, OBSERVATION_SIZE), np.float32)
-    settings = layout.pack_settings(TASK, plant, True, simulation.substeps)
-    acting = np.ascontiguousarray(acting, np.float32)
-    wind = np.ascontiguousarray(x.wind.T)
-    step(memory, np.zeros(rows, np.int64), wind, acting, settings, observation, outcome, 0, rows)
-    after = np.hstack([memory[:, layout.MEMORY_RIGID] if size else np.zeros((rows, 0)), queue[:, 4:]])
-    return memory[:, layout.MEMORY_STATE], after, observation, outcome
+    settings = layout.pack_settings(TASK, plant, moves_air=True, has_sensors=False)
+    inputs = memory, np.zeros(rows, np.int64), np.ascontiguousarray(x.wind.T), np.asarray(x.action, np.float32)
+    numbers = schedule.ages, schedule.loops, np.zeros(0), settings, np.zeros(rows, np.bool_)
+    (run_rigid if size else run_euler)(STEP, *inputs, *numbers, observation, outcome, 0, rows)
+    return memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_SIZE :], observation, outcome
 
 
 @pytest.mark.parametrize("name", SIMULATIONS)

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_gym import OrnsteinUhlenbeck, Scenario, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.envs.loops import LoopRows
+from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.randomization import LOOP_NAMES, LoopRanges
 from quadpend_gym.scenarios.library import find_scenario
 from quadpend_gym.scenarios.scenario import scenario_data
@@ -98,13 +98,13 @@ def test_thrust_and_torques_are_scaled(vehicle: Any) -> None:
 
 def test_jitter_keeps_the_mean_of_the_latency_and_the_order_of_the_actions() -> None:
     simulation, rows, steps = Simulation(substeps=10), 200, 200
-    loops = LoopRows(LoopRanges(latency=(0.004, 0.03), jitter=0.004), simulation, rows)
+    loops = Schedule(LoopRanges(latency=(0.004, 0.03), jitter=0.004), simulation, rows)
     loops.start_episodes(np.arange(rows), Streams.from_seeds([*range(rows)]))
     acting = []
     for step in range(steps):
-        last = loops.schedule(np.full((4, rows), 1.0 + step), np.full(rows, step))
-        acting.append(loops.columns[7::4].copy())
-        assert_array_equal(last[:, 0], acting[-1][-1])
+        loops.advance(np.full(rows, step))
+        acting.append(1.0 + step - loops.ages)
+        assert loops.ages.max() < loops.slots
     number = np.concatenate(acting)  # one more than that of the action that acts in each substep
     assert (np.diff(number, axis=0) >= 0.0).all()
     begins = np.array([np.argmax(number >= 1 + step, axis=0) - 10 * step for step in range(steps - 10)])

@@ -92,7 +92,7 @@ class Kind(NamedTuple):
             elif isinstance(model, GyroBias):
                 parts.append(memory)
         if self.loop is not None:
-            parts += [world.loops.columns[:LOOP_SIZE].T, world.loops.ages.T]
+            parts += [world.schedule.loops.T, world.schedule.ages.T]
         return np.hstack([np.zeros((world.num_envs, 0)), *parts])
 
     def initial(self, state: Floats) -> Floats:
