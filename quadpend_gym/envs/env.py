@@ -75,9 +75,10 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
     ## Episode End
     The episode terminates if the pendulum is more than 60° from upright, the body tilts by more than 80°, the tracking
-    error exceeds 3 m, the quadrotor or the bob touches the ground, or the state diverges. An early termination is also
-    called a fall. The episode is truncated after `duration`, 10 s by default, at any control period. As with
-    Gymnasium's own environments, ``max_episode_steps`` of `gymnasium.make` replaces this limit, and −1 removes it.
+    error exceeds 3 m, the quadrotor or the tip of the pole touches the ground, or the state diverges. An early
+    termination is also called a fall. The episode is truncated after `duration`, 10 s by default, at any control
+    period. As with Gymnasium's own environments, ``max_episode_steps`` of `gymnasium.make` replaces this limit, and −1
+    removes it.
 
     ## Arguments
     - `scenario`: a `quadpend_gym.Scenario`, its name (``"windy"``), a TOML file, or a mapping of its fields. The other
