@@ -107,8 +107,8 @@ _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the
 _LEAST_HEIGHT = float(np.sqrt(1.0 - _MAX_HORIZONTAL**2))  # r_z there
 ORDERS = 5  # derivatives of the reference, of order 2 … 6
 STATE, DISTURBANCE, REFERENCE, YAW, MASS_RATIO, AGE, INNOVATION, RIGID_PART, LOOP = 0, 18, 27, 42, 45, 46, 47, 65, 76
-# Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, the action before and this
-# one, disturbance, velocity of the air, and command.
+# Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, the action before and
+# this one, disturbance, velocity of the air, and command.
 _PARAMETERS = RIGID_LANE_SIZE
 _BEFORE = _PARAMETERS + PARAMETERS_SIZE
 _ACTION = _BEFORE + ACTION_SIZE
