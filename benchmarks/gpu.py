@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from runpy import run_path
 from statistics import median
 from typing import Any
 
@@ -149,10 +150,8 @@ def crazyflow(rows: tuple[int, ...] = (65_536, 1_048_576)) -> list[dict[str, Any
 
 def training(folder: str | None, name: str, seconds: float, *arguments: str) -> dict[str, Any]:
     """Return the evaluations of a PPO, and after how many seconds it survived 99 % of the episodes."""
-    sys.path.insert(0, str(ROOT / "train"))
-    import ppo_gpu
-
-    args = ppo_gpu.parse(["--seconds", str(seconds), *arguments])
+    script = run_path(str(ROOT / "train" / "ppo_gpu.py"))
+    args = script["parse"](["--seconds", str(seconds), *arguments])
     args.scenario, args.kernel = SCENARIOS[name], kernel(name, folder)
     found: list[dict[str, Any]] = []
 
@@ -160,7 +159,7 @@ def training(folder: str | None, name: str, seconds: float, *arguments: str) -> 
         found.append(item)
         print(name, item, flush=True)
 
-    ppo_gpu.train(args, report)
+    script["train"](args, report)
     reached = [item["seconds"] for item in found if item.get("survival", 0.0) >= 0.99]
     return {"scenario": name, "settings": arguments, "balanced": reached[0] if reached else None, "evaluations": found}
 

@@ -50,6 +50,16 @@ FN real q_min(real x, real y) { return OF(fmin)(x, y); }
 FN real q_max(real x, real y) { return OF(fmax)(x, y); }
 FN real q_sign(real x) { return (real)((x > 0) - (x < 0)); }
 
+/* The environment rounds actions to float32. gcc 12 drops a plain conversion when it vectorises this with -O2. */
+FN real rounded(real x) {
+#ifdef __CUDACC__
+  return (float)x;
+#else
+  volatile float y = (float)x;
+  return y;
+#endif
+}
+
 /* The random streams of core/streams.py. A float has fewer bits: their first 23. */
 FN u64 mix(u64 x) {
   x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ULL;
@@ -129,7 +139,7 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
 #if N_DRAWN
     arrival[N_SLOTS - 1] = q_max(late, N_ARRIVAL > 0 ? arrival[SOME(N_ARRIVAL) - 1] : late);
 #endif
-    for (int c = 0; c < 4; ++c) queue[N_QUEUE + c] = (float)queue[N_QUEUE + c]; /* as the environment rounds */
+    for (int c = 0; c < 4; ++c) queue[N_QUEUE + c] = rounded(queue[N_QUEUE + c]);
     blow_draws(key, (u64)now, v);
     blow(m, &time, v, force, air, wind);
     for (int f = 0; f < N_X; ++f) x[f] = m[f];

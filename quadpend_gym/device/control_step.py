@@ -145,6 +145,8 @@ class _Generator:
             raise ValueError(
                 "device: the generated kernel runs no autopilot: leave it out, for the rate loop of the vehicle"
             )
+        if scenario.loop is not None and scenario.loop.rotor_lag is not None:
+            raise ValueError("device: the generated kernel does not draw loop.rotor_lag: leave it out")
         if not isinstance(self.task.trajectory, Reference | None):
             raise ValueError("device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference")
         self.rigid = plant_of(self.simulation).settings
@@ -238,7 +240,7 @@ class _Generator:
                     memory = rows(lifted.initial_memory(stream)[0])
                 use(lifted, memory, stream)
             except Exception as error:
-                kinds = " with ".join(dict.fromkeys(re.findall(r"kind='(\w+)'", repr(model)))) or type(model).__name__
+                kinds = " with ".join(re.findall(r"kind='(?!sum)(\w+)'", repr(model))) or type(model).__name__
                 raise ValueError(f"device: the generated kernel cannot step the {_NOUNS[name]} {kinds}") from error
             first += model.memory_size
             after += list(memory[0])

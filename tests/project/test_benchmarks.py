@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import golden, golden_cases, peers, speed
+from benchmarks import golden, golden_cases, gpu, peers, speed
 from quadpend_baselines import CONTROLLERS
 from quadpend_train.policies.loading import shipped_policies
 from tests.helpers.sources import ROOT
@@ -82,3 +82,13 @@ def test_golden_hashes_are_repeatable_and_a_different_hash_is_reported(tmp_path:
 
 def test_golden_hashes_cover_every_controller_and_shipped_policy() -> None:
     assert golden_cases.FLIGHTS.keys() == {*CONTROLLERS, *shipped_policies()}
+
+
+def test_the_benchmark_of_a_gpu_says_that_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    monkeypatch.setattr("sys.argv", ["gpu", "--out", str(tmp_path / "gpu.json")])
+    gpu.main()
+    assert "needs a GPU" in capsys.readouterr().out
+    assert not list(tmp_path.iterdir())

@@ -32,6 +32,12 @@ def test_ppo_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path
     assert (tmp_path / "ppo.zip").is_file()
 
 
+def test_the_script_for_a_gpu_trains_on_the_processor(run_script: Run, tmp_path: Path) -> None:
+    arguments = "--device", "c", "--num-envs", "32", "--num-steps", "16", "--minibatches", "2", "--seconds", "1"
+    assert "survival" in run_script("train/ppo_gpu.py", *arguments)
+    assert (tmp_path / "ppo_gpu.pt").is_file()
+
+
 def test_sac_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:
     assert "It balances in" in run_script("train/sac.py", "--total-timesteps", "2000")
     assert (tmp_path / "sac.zip").is_file()

@@ -18,15 +18,30 @@ from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install torch")
 pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
 
-from quadpend_gym.device.env import Motion, QuadPendulumDeviceEnv
-from quadpend_gym.device.library import compile_cuda
-from quadpend_gym.engines.functions import step_function
-from tests.quadpend_gym.engines.test_functions import call
+from quadpend_gym.device.env import Motion, QuadPendulumDeviceEnv  # noqa: E402
+from quadpend_gym.device.library import compile_cuda  # noqa: E402
+from quadpend_gym.engines.functions import step_function  # noqa: E402
+from tests.quadpend_gym.engines.test_functions import call  # noqa: E402
 
 LIMIT = 61  # control steps of an episode
 SCENARIOS = ["windy", "flight_training_late"]
+OWN: dict[str, dict[str, Any]] = {
+    "paper, calm": {},
+    "paper, drawn loop": {"loop": {"latency": (0.0, 0.03), "jitter": 0.004, "thrust": (0.9, 1.1)}},
+    "actuators and sensors": {
+        "actuators": [
+            {"kind": "action_delay", "steps": 2},
+            {"kind": "motor_lag"},
+            {"kind": "rate_limit", "rate": 5.0},
+            {"kind": "packet_loss", "probability": 0.3},
+        ],
+        "sensors": [{"kind": "noise", "position": {"white": 0.001, "walk": 0.01}}, {"kind": "delay", "steps": 3}],
+        "wind": [{"kind": "von_karman", "intensity": "light"}, "breeze"],
+        "latency": 0.015,
+    },
+}
 OTHERS = [
-    "paper, calm",
+    *OWN,
     *sorted({*SETS["training-flight"], "flight_training_loop_storm", "flight_sinusoids"} - {*SCENARIOS}),
 ]
 
@@ -39,7 +54,7 @@ def in_ulps(a: Any, b: Floats) -> float:
 
 @pytest.mark.parametrize("name", [*SCENARIOS, *(pytest.param(name, marks=pytest.mark.extras) for name in OTHERS)])
 def test_episodes_are_those_of_the_other_environments(name: str) -> None:
-    scenario, rows = as_scenario(None if name == "paper, calm" else name), 100
+    scenario, rows = as_scenario(OWN.get(name, name)), 100
     rng = np.random.default_rng(1)
     env = QuadPendulumDeviceEnv(rows, scenario, device="c", dtype="float64", max_episode_steps=LIMIT)
     other = gym.make_vec("QuadPendulum-v0", rows, scenario=scenario, autoreset_mode="SameStep", max_episode_steps=LIMIT)
@@ -119,6 +134,7 @@ def test_a_kernel_file_needs_no_casadi(tmp_path: Path) -> None:
     [
         ({"scenario": "flight_gusts"}, "cannot step the wind gusts"),
         ({"scenario": "flight_waypoints"}, "no waypoints"),
+        ({"scenario": "flight_loop", "loop": {"rotor_lag": (0.9, 1.1)}}, "does not draw loop.rotor_lag"),
         ({"sensors": {"kind": "dropout"}}, "cannot step the sensor dropout"),
         ({"autoreset_mode": "NextStep"}, "autoreset_mode must be 'SameStep'"),
         ({"dtype": "float16"}, "dtype must be"),
