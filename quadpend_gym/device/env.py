@@ -102,7 +102,8 @@ class QuadPendulumDeviceEnv(VectorEnv[Any, Any, Any]):
         made = Kernel.of(self.scenario, kernel)
         self.library, self.sizes = Library(made.source, device, self.dtype), made.sizes
         self.single_observation_space = observation_space(self.scenario.observation_size)
-        self.single_action_space = action_space()
+        meaning = {"interface": self.scenario.interface, "vehicle": self.scenario.vehicle.name}
+        self.single_action_space = action_space(**meaning)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._size = self.sizes["observation"]
