@@ -178,5 +178,5 @@ def inlined(function: Function) -> Function:
     dispatcher: Any = njit(forceinline=True, error_model="numpy", pipeline_class=_InlinedCompiler)(function)
     # A call from Python finds no machine code, and numba then calls what `_compile_for_args` returns.
     dispatcher.add_overload = lambda made: dispatcher.overloads.update({tuple(made.signature.args): made})
-    dispatcher._compile_for_args = lambda *_, **__: function
+    dispatcher._compile_for_args = lambda *_, **__: np.errstate(all="ignore")(function)  # as machine code
     return cast(Function, dispatcher)
