@@ -264,7 +264,7 @@ def test_an_off_policy_model_does_not_tell_whether_it_was_normalised(
     assert capsys.readouterr().err == ""
     (tmp_path / "vecnormalize.pkl").write_bytes((zoo[0] / "QuadPendulum-v0/vecnormalize.pkl").read_bytes())
     assert load_policy(str(path)).card["normalization"]["clip"] == 2.0
-    assert "vecnormalize.pkl, if not, move that file away" in capsys.readouterr().err
+    assert "vecnormalize.pkl; if it was trained without, move that away" in capsys.readouterr().err
 
 
 def test_a_model_that_was_trained_on_several_vehicles_flies_any(tmp_path: Path) -> None:

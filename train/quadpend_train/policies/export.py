@@ -82,7 +82,9 @@ def _statistics(path: Path, model: Any) -> Path | None:
         message = f"was trained without VecNormalize: {names} is not applied"
         found = []
     elif found:
-        message = f"observations are normalised by {names}" + ("" if tells else ", if not, move that file away")
+        message = f"observations are normalised by {names}" + (
+            "" if tells else "; if it was trained without, move that away"
+        )
     else:
         return None
     print(f"{path}: {message}.", file=sys.stderr)
