@@ -1,14 +1,16 @@
 """docs/results/sample.csv and docs/flight/sample.csv: episodes of the published tables, which a test flies again.
 
-    python -m experiments.samples      # three episodes of each policy in each scenario, seeds from 1000000; 4 minutes
+    python -m experiments.samples      # two episodes of each policy in each scenario, seeds from 1000000; 6 minutes
 
-Processors round differently, and some flights amplify that. So each episode is flown twice, the second time from a
-start that is 1 nm away. ``moved`` is the largest relative change that this causes in the values of the episode. An
-episode is left out if its survival changes, and its values are left out if their tolerance would exceed `LARGEST`.
+Processors round differently, and some flights amplify that. So each episode is flown again from two more starts, which
+are 1 nm further forward or back along each axis. ``moved`` is the largest relative change that this causes in the
+values of the episode. An episode is left out if its survival changes, and its values are left out if their tolerance
+would exceed `LARGEST`.
 """
 
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from experiments import flight, results
@@ -19,8 +21,10 @@ from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
 from quadpend_train.policies.loading import load_policies
 
 PAGES = {"results": ((*results.LEARNED, *results.CLASSICAL), "test"), "flight": (flight.POLICIES, "flight")}
-EPISODES, MOVE = 3, 1e-9  # m, the distance of the two starts
-ROUNDING, AMPLIFICATION, LARGEST = 1e-6, 300.0, 0.01  # relative tolerance: the sum of two parts, and its upper limit
+EPISODES, MOVE = 2, 1e-9  # m, along each axis
+# Relative tolerance: the sum of two parts, and its upper limit. Networks have float32 actions; a relative error of 6e-8
+# in a few m/s² for 1 s moves a flight by about 100 nm, 100 times as far as `MOVE`.
+ROUNDING, AMPLIFICATION, LARGEST = 1e-6, 100.0, 0.01
 VALUES = ["steps", "rmse", "settled_rmse", "largest_tilt", "effort"]
 
 
@@ -34,8 +38,9 @@ def fly(policy: str, scenario: str, move: float = 0.0) -> pd.DataFrame:
 
 
 def change(table: pd.DataFrame, other: pd.DataFrame) -> pd.Series:
-    """Return the largest relative difference of the values of each episode; nan where there are none."""
-    return (other[VALUES] / table[VALUES] - 1.0).abs().max(axis=1)
+    """Return the largest relative difference of the values of each episode: infinite if only one table has a value."""
+    difference = (other[VALUES] / table[VALUES] - 1.0).abs()
+    return difference.where(other[VALUES].isna() == table[VALUES].isna(), np.inf).max(axis=1)
 
 
 def tolerance(moved: pd.Series) -> pd.Series:
@@ -45,12 +50,12 @@ def tolerance(moved: pd.Series) -> pd.Series:
 
 def sample(policy: str, scenario: str) -> pd.DataFrame:
     """Return the rows of a policy in a scenario."""
-    table, other = fly(policy, scenario), fly(policy, scenario, MOVE)
-    moved = change(table, other)
+    table, *others = (fly(policy, scenario, move) for move in (0.0, MOVE, -MOVE))
+    moved = pd.concat([change(table, other) for other in others], axis=1).max(axis=1)
     table[VALUES] = table[VALUES].where(tolerance(moved) <= LARGEST)
     table = table.assign(scenario=scenario, policy=policy, episode=table.index, moved=moved)
     table = table[["scenario", "policy", "episode", "survived", "moved", *VALUES]]
-    return table[table["survived"] == other["survived"]]
+    return table[np.all([table["survived"] == other["survived"] for other in others], axis=0)]
 
 
 def main() -> None:

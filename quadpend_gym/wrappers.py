@@ -114,7 +114,7 @@ class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], observations: int = 4, actions: int = 0) -> None:
-        observations, actions = plain(observations), plain(actions)
+        observations, actions = plain(observations), plain(actions)  # JSON of a specification takes no NumPy numbers
         RecordConstructorArgs.__init__(self, observations=observations, actions=actions)
         gym.Wrapper.__init__(self, env)
         self._histories = _Histories(1, observations, actions, env.observation_space, env.action_space)

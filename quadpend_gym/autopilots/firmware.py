@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.c_library import c_compiler, cache_folder, run_compiler
+from quadpend_gym.core.c_library import c_compiler, cache_path, run_compiler
 
 _SHIM = Path(__file__).with_name("lockstep.c")
 _SHARED = "lockstep.so"
@@ -78,7 +78,7 @@ def prepare(binary: str | None, lines: tuple[str, ...]) -> tuple[Path, Path]:
     path = find_binary(binary)
     parts = [path.read_bytes(), _SHIM.read_bytes(), "\n".join(lines).encode()]
     name = hashlib.sha256(b"\0".join(parts)).hexdigest()[:32]
-    folder = cache_folder() / "betaflight" / name
+    folder = cache_path(f"betaflight/{name}")
     if folder.exists():
         return path, folder
     folder.parent.mkdir(parents=True, exist_ok=True)

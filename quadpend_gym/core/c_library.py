@@ -8,6 +8,7 @@ import ctypes
 import os
 import shlex
 import subprocess
+import warnings
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
@@ -26,16 +27,17 @@ def load_c(source: str) -> ctypes.CDLL:
     Raises:
         OSError: There is no C compiler, or it fails.
     """
-    command = [*c_compiler(), *_FLAGS]
-    folder = cache_folder()
-    library = folder / f"{sha256(' '.join((*command, source)).encode()).hexdigest()[:24]}.so"
+    key = " ".join((os.environ.get("CC", ""), *_FLAGS, source))  # a library in the cache needs no compiler
+    library = cache_path(f"{sha256(key.encode()).hexdigest()[:24]}.so")
     if library.exists():
         with suppress(OSError):  # the file is damaged
             return ctypes.CDLL(str(library))
-    with TemporaryDirectory(dir=folder) as name:
+    with TemporaryDirectory(dir=library.parent) as name:
         file, new = Path(name, "generated.c"), Path(name, "generated.so")
         file.write_text(source, encoding="utf-8")
-        run_compiler([*command, "-o", str(new), str(file), "-lm"])
+        run_compiler([*c_compiler(), *_FLAGS, "-o", str(new), str(file), "-lm"])
+        with new.open("rb+") as made:
+            os.fsync(made.fileno())  # a library that a power failure had cut would kill the process that loads it
         os.replace(new, library)
     return ctypes.CDLL(str(library))
 
@@ -43,7 +45,10 @@ def load_c(source: str) -> ctypes.CDLL:
 def c_compiler() -> list[str]:
     """Return the command of the C compiler: ``CC`` with its arguments, or else the first that is installed."""
     given = os.environ.get("CC") or next(filter(which, ("cc", "gcc", "clang")), "cc")
-    command = [given] if which(given) else shlex.split(given)
+    try:
+        command = [given] if which(given) else shlex.split(given, posix=os.name != "nt")  # "\\" is no escape on Windows
+    except ValueError as error:  # a quotation mark is missing
+        raise OSError(f"CC is no command: {given!r}: {error}") from error
     if not command or which(command[0]) is None:
         raise OSError(f"C sources need a C compiler, and there is no {given!r}: install gcc, or set CC")
     return command
@@ -56,17 +61,21 @@ def run_compiler(command: list[str]) -> None:
         raise OSError(f"the C compiler fails: {shlex.join(command)}: {done.stderr.strip()}")
 
 
-def cache_folder() -> Path:
-    """Return the folder for what is compiled: in the user's cache, or temporary if that cannot be written."""
+def cache_path(name: str) -> Path:
+    """Return the path of what is compiled: in the user's cache, or temporary if that has none and cannot be written."""
     with suppress(OSError, RuntimeError):  # RuntimeError: there is no home
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "quadpend_gym"
+        if (folder / name).exists():
+            return folder / name
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
-            return folder
-    return Path(_temporary_folder().name)
+            return folder / name
+    way_out = "every process compiles again: set XDG_CACHE_HOME to another folder"
+    warnings.warn(f"the cache of compiled C cannot be written, so {way_out}", RuntimeWarning, stacklevel=1)
+    return Path(_temporary_folder().name) / name
 
 
 @cache
 def _temporary_folder() -> "TemporaryDirectory[str]":
     """Return a folder that is deleted at the end of the process."""
-    return TemporaryDirectory(prefix="quadpend_gym_")
+    return TemporaryDirectory(prefix="quadpend_gym_", ignore_cleanup_errors=True)  # Windows keeps loaded libraries

@@ -1,7 +1,8 @@
 """Decorators that compile functions with numba: `compiled` to call from Python, `inlined` to call from compiled code.
 
 LLVM copies `inlined` functions into their callers (``alwaysinline``); without this it cannot vectorise a loop over
-sub-environments. It assembles them only there. A call from Python executes them in Python.
+sub-environments. It assembles them only there, and a call from Python executes them in Python; with a version of numba
+newer than the known ones it also assembles them alone, which only takes longer.
 
 The machine code of `compiled` functions is cached on disk. The cache becomes invalid if the file of the function, of
 its package or of this package changes. Files of the viewer are ignored, since they contain no compiled code. A damaged
@@ -22,11 +23,13 @@ import multiprocessing
 import time
 import warnings
 from collections.abc import Callable
+from glob import escape
 from pathlib import Path
+from threading import Timer
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numba import config, njit
+from numba import config, njit, version_info
 from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
@@ -34,6 +37,7 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
 _PATIENCE = 2.0  # s of compilation without a word
 _LOGGER = logging.getLogger("quadpend_gym")
+_IS_KNOWN = version_info[:2] <= (0, 68)  # the versions whose private parts `_InlinedCompiler` is known to fit
 
 
 def _stamp(file: Path) -> tuple[str, int, int]:
@@ -67,9 +71,9 @@ class _Cache(FunctionCache):
     def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)
         # Numba checks only the file of `function`, not the files of the functions inlined into it, and has no public
-        # option for more files. This therefore replaces the private stamp that numba compares with its cache.
-        file = Path(function.__code__.co_filename)
-        self._cache_file._source_stamp = (*_source_stamp(_package_of(file)), _stamp(file))
+        # option for more files. This therefore extends the private stamp that numba compares with its cache.
+        stamp = _source_stamp(_package_of(Path(function.__code__.co_filename)))
+        self._cache_file._source_stamp = (self._cache_file._source_stamp, *stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -80,12 +84,18 @@ class _Cache(FunctionCache):
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
             try:
-                super().save_overload(sig, data)
+                is_empty = not self._cache_file._load_index()
             except OSError:
                 raise
             except Exception:  # the index is damaged
                 self.flush()
-                super().save_overload(sig, data)
+                is_empty = True
+            if is_empty:
+                # Numba writes the index first, and gives data the names of older data: if it got no further, because
+                # the disk is full or the process killed, the index would declare machine code of older sources valid.
+                for old in Path(self.cache_path).glob(f"{escape(self._impl.filename_base)}.*.nbc"):
+                    old.unlink(missing_ok=True)
+            super().save_overload(sig, data)
         except OSError as error:
             _warn_of_cache(f" ({error.strerror})")
 
@@ -95,27 +105,31 @@ class _Progress(event.Listener):
 
     def __init__(self) -> None:
         self.depth, self.begun, self.spent, self.has_told = 0, 0.0, 0.0, False
-        self.cache: Any = None
+        self.timer: Timer | None = None
 
     def on_start(self, event: Any) -> None:
         """Begin to count with a function that no other one calls; those that it calls are compiled meanwhile."""
-        if self.depth == 0:
-            self.begun, self.cache = time.monotonic(), event.data["dispatcher"]._cache
         self.depth += 1
-        self._tell()
+        cache = getattr(event.data["dispatcher"], "_cache", None)  # other functions have none, or one of numba's
+        if self.depth > 1 or self.has_told or not isinstance(cache, _Cache) or multiprocessing.parent_process():
+            return
+        self.begun = time.monotonic()
+        self.timer = Timer(_PATIENCE - self.spent, self._tell, (cache.cache_path,))
+        self.timer.daemon = True
+        self.timer.start()
 
     def on_end(self, event: Any) -> None:
         """Stop counting with the end of that function."""
         self.depth -= 1
-        if self.depth == 0 and isinstance(self.cache, _Cache):
+        if self.depth == 0 and self.timer:
+            self.timer.cancel()
+            self.timer.join()
+            self.timer = None
             self.spent += time.monotonic() - self.begun
 
-    def _tell(self) -> None:
-        if self.has_told or not isinstance(self.cache, _Cache):
-            return
-        if self.spent + time.monotonic() - self.begun > _PATIENCE and multiprocessing.parent_process() is None:
-            self.has_told = True
-            _LOGGER.warning("quadpend_gym compiles for this machine (once; cached in %s) …", self.cache.cache_path)
+    def _tell(self, folder: str) -> None:
+        self.has_told = True
+        _LOGGER.warning("quadpend_gym compiles for this machine (once; cached in %s) …", folder)
 
 
 event.register("numba:compile", _Progress())
@@ -152,16 +166,17 @@ def compiled(function: Function) -> Function:
     dispatcher: Any = njit(error_model="numpy", nogil=True)(function)
     try:
         dispatcher._cache = _Cache(function)
-    except RuntimeError:  # there is no folder that numba can write
+    except (RuntimeError, AttributeError):  # numba can write no folder, or a later version has other private parts
         _warn_of_cache("")
     return cast(Function, dispatcher)
 
 
 def inlined(function: Function) -> Function:
     """Compile `function` so that it is inlined into every compiled function that calls it."""
+    if config.DISABLE_JIT or not _IS_KNOWN:  # type: ignore[attr-defined]
+        return cast(Function, njit(forceinline=True, error_model="numpy")(function))
     dispatcher: Any = njit(forceinline=True, error_model="numpy", pipeline_class=_InlinedCompiler)(function)
-    if not config.DISABLE_JIT:  # type: ignore[attr-defined]
-        # A call from Python finds no machine code, and numba then calls what `_compile_for_args` returns.
-        dispatcher.add_overload = lambda made: dispatcher.overloads.update({tuple(made.signature.args): made})
-        dispatcher._compile_for_args = lambda *_, **__: function
+    # A call from Python finds no machine code, and numba then calls what `_compile_for_args` returns.
+    dispatcher.add_overload = lambda made: dispatcher.overloads.update({tuple(made.signature.args): made})
+    dispatcher._compile_for_args = lambda *_, **__: np.errstate(all="ignore")(function)  # as machine code
     return cast(Function, dispatcher)

@@ -30,6 +30,24 @@ def frames_per_second(scenario: Scenario) -> int:
 
 
 _ROW = np.zeros(1, np.int64)  # index of the only sub-environment
+_MAKERS = registration.make.__code__, registration.make_vec.__code__
+
+
+class _Spec(registration.EnvSpec):
+    """A specification with the limit of steps that its scenario has, which is not a setting of its own.
+
+    So `make` and `make_vec` do not see it: their arguments may replace the duration. They see the limit of a wrapper.
+    """
+
+    @property
+    def max_episode_steps(self) -> int | None:
+        steps: int = self.__dict__["max_episode_steps"]
+        return None if sys._getframe(1).f_code in _MAKERS else steps
+
+    @max_episode_steps.setter
+    def max_episode_steps(self, steps: int | None) -> None:
+        self.__class__ = registration.EnvSpec  # type: ignore[assignment]
+        self.max_episode_steps = steps
 
 
 class QuadPendulumEnv(gym.Env[Any, Any]):
@@ -125,11 +143,13 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         if caller.f_code is registration.make.__code__:
             limit = caller.f_locals["max_episode_steps"]
             if limit is None:
-                limit = getattr(caller.f_locals.get("env_spec"), "max_episode_steps", None)
+                env_spec = caller.f_locals.get("env_spec")
+                limit = None if isinstance(env_spec, _Spec) else getattr(env_spec, "max_episode_steps", None)
             if limit is not None:
                 self._steps = math.inf
             elif spec is not None:
                 spec.max_episode_steps = self.scenario.steps
+                spec.__class__ = _Spec
         self._spec = spec
 
     @property

@@ -26,7 +26,7 @@ __all__ = [
 
 # Sets and scenarios for results only, except what is also in a set for training; of other tasks, only seeds are.
 HELD_OUT = ("test", "test-hummingbird", "as-flown", "flight", "recovery-flight", "flight_onset", "flight_unknown")
-_DISTURBANCES = "task", "sensors", "actuators", "parameters", "loop", "latency", "wind_rise", "output_feedback"
+_DISTURBANCES = "task", "sensors", "actuators", "parameters", "loop", "latency", "output_feedback"
 
 
 @settings
@@ -169,7 +169,7 @@ def refuse_held_out(names: Iterable[str | Scenario]) -> None:
 
 
 def _disturbs_alike(scenario: Scenario, other: Scenario) -> bool:
-    """Return whether a scenario is another one, perhaps with another vehicle, name, duration or control period."""
+    """Return whether a scenario is another one but for its vehicle and what does not disturb the flight."""
     if any(getattr(scenario, name) != getattr(other, name) for name in _DISTURBANCES):
         return False
     return bool(scenario.wind == other.with_vehicle(scenario.vehicle, scenario.interface).wind)

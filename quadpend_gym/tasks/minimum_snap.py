@@ -31,13 +31,14 @@ _SNAP = 4  # order of the derivative whose square is minimised
 
 
 _ENDS = [[perm(k, j) * u ** max(k - j, 0) for k in range(COEFFICIENTS)] for u in (0, 1) for j in range(ORDERS)]
-_COEFFICIENTS: Floats = np.rint(720.0 * np.linalg.inv(np.array(_ENDS, np.float64))) / 720.0  # B: multiples of 1/6!
+# B, whose elements are multiples of 1/6!
+_EXACT = np.array([[Fraction(round(720.0 * value), 720) for value in row] for row in np.linalg.inv(_ENDS)])
+_COEFFICIENTS: Floats = _EXACT.astype(np.float64)
 _FACTORS = [perm(k, _SNAP) for k in range(COEFFICIENTS)]
 _GRAM = [
     [Fraction(a * b, max(i + j - 2 * _SNAP + 1, 1)) for j, b in enumerate(_FACTORS)] for i, a in enumerate(_FACTORS)
 ]  # G
 # Q loses five digits in floating point, and other ones on each processor, so it is computed with fractions.
-_EXACT = np.array([[Fraction(round(720 * value), 720) for value in row] for row in _COEFFICIENTS])
 _COST = (_EXACT.T @ np.array(_GRAM) @ _EXACT).astype(np.float64)
 
 

@@ -24,6 +24,7 @@ for module, distributions in packages_distributions().items():
 
 def call(*command: str | Path) -> None:
     """Run a command, and show what it prints if it fails."""
+    # crazyflow, of the extra `peers`, needs SCIPY_ARRAY_API before SciPy is imported.
     variables = {"SCIPY_ARRAY_API": "1", "UV_FIND_LINKS": os.environ.get("PIP_FIND_LINKS", "")}
     done = subprocess.run(command, cwd=ROOT, env={**os.environ, **variables}, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

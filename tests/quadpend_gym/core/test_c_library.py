@@ -45,7 +45,34 @@ def test_a_damaged_library_is_compiled_again(folder: Path) -> None:
     assert answer(7) == 7
 
 
-def test_no_home_is_needed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def no_user(_: int) -> None:
+    raise KeyError
+
+
+def test_no_home_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container whose user has no entry in /etc/passwd."""
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr("pwd.getpwuid", no_user)
+    with pytest.warns(RuntimeWarning, match="set XDG_CACHE_HOME"):
+        assert answer() == 42
+
+
+def test_a_cache_that_cannot_be_written_is_a_warning(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "file"))
+    with pytest.warns(RuntimeWarning, match="set XDG_CACHE_HOME"):
+        assert answer() == 42
+
+
+def test_a_filled_cache_needs_neither_a_compiler_nor_to_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer()
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr("os.access", lambda *_: False)
     assert answer() == 42
+
+
+def test_a_quotation_mark_without_its_end_names_the_variable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "cc '-O1")
+    with pytest.raises(OSError, match="CC is no command"):
+        answer()

@@ -7,12 +7,17 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
-from numba import config
+from numba import config, jit
+from numba.core import event
+from numba.core.caching import IndexDataCacheFile
+from numba.core.codegen import JITCodeLibrary
 
+from quadpend_gym.core import jit as module
 from quadpend_gym.core.jit import compiled, inlined
 from tests.helpers.sources import ROOT
 
@@ -32,6 +37,13 @@ def output(folder: Path, script: str, **variables: str) -> str:
 
 def _doubled(x: float) -> float:
     return 2.0 * x
+
+
+_factor = 2.0
+
+
+def _scaled(x: float) -> float:
+    return _factor * x
 
 
 def test_a_change_of_an_inlined_function_in_another_file_invalidates_the_cache(tmp_path: Path) -> None:
@@ -70,6 +82,21 @@ def test_a_damaged_file_of_the_cache_is_replaced(suffix: str, damage: Any, tmp_p
     assert third.stats.cache_hits
 
 
+def test_a_kill_between_index_and_data_leaves_no_code_of_older_sources(tmp_path: Path, monkeypatch: Any) -> None:
+    def kill(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    assert compiled(_scaled)(1.0) == 2.0
+    monkeypatch.setattr(module, "_source_stamp", lambda _: ("changed",))
+    monkeypatch.setitem(globals(), "_factor", 3.0)
+    with monkeypatch.context() as context:
+        context.setattr(IndexDataCacheFile, "_save_data", kill)
+        with pytest.raises(KeyboardInterrupt):
+            compiled(_scaled)(1.0)
+    assert compiled(_scaled)(1.0) == 3.0
+
+
 FULL_DISK = """
 import resource
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))  # bytes of a file
@@ -92,6 +119,42 @@ def test_a_process_says_once_that_it_compiles(tmp_path: Path) -> None:
     assert first.startswith("quadpend_gym compiles")
     assert first.count("\n") == 1
     assert second == ""
+
+
+def test_a_process_says_so_while_a_single_function_compiles(tmp_path: Path, monkeypatch: Any) -> None:
+    assemble, progress, has_told = JITCodeLibrary._finalize_final_module, module._Progress(), []
+
+    def assemble_slowly(library: Any) -> None:
+        time.sleep(0.5)
+        has_told.append(progress.has_told)
+        assemble(library)
+
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(module, "_PATIENCE", 0.1)
+    monkeypatch.setattr(JITCodeLibrary, "_finalize_final_module", assemble_slowly)
+    with event.install_listener("numba:compile", progress):
+        compiled(_doubled)(1.0)
+    assert any(has_told)
+
+
+def test_functions_of_users_compile_as_ever() -> None:
+    """Numba compiles the loop as a function of its own."""
+
+    @jit(forceobj=True, looplift=True)
+    def total(n: int) -> int:
+        result = 0
+        for i in range(n):
+            result += i
+        return result
+
+    assert total(5) == 10
+
+
+def test_with_a_newer_numba_inlined_functions_only_compile_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_IS_KNOWN", False)
+    inner: Any = inlined(_doubled)
+    assert compiled(lambda x: inner(x) + 1.0)(1.0) == 3.0
+    assert inner(1.0) == 2.0
 
 
 def test_inlined_functions_are_assembled_only_in_their_callers() -> None:

@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeAwareObservation
 
 from tests.helpers.bad_input import assert_refused
@@ -42,11 +43,11 @@ def test_a_wrong_limit_of_steps_is_refused(kind: Any, limit: Any) -> None:
     assert_refused(lambda: kind(max_episode_steps=limit), "max_episode_steps")
 
 
-def test_the_limit_of_a_registration_replaces_the_duration() -> None:
-    gym.register("Longer-v0", "quadpend_gym.envs.env:QuadPendulumEnv", max_episode_steps=25, kwargs=SHORT)
+def test_the_limit_of_a_registration_replaces_the_duration(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = "quadpend_gym.envs.env:QuadPendulumEnv"
+    monkeypatch.setitem(gym.registry, "Longer-v0", EnvSpec("Longer-v0", point, max_episode_steps=25, kwargs=SHORT))
     assert length(gym.make("Longer-v0")) == 25
     assert length(gym.make("Longer-v0", max_episode_steps=-1)) == np.inf
-    del gym.registry["Longer-v0"]
 
 
 @pytest.mark.parametrize(("limit", "steps"), [(None, 10), (25, 25)])
@@ -55,6 +56,15 @@ def test_a_specification_has_the_limit_of_steps(limit: int | None, steps: int) -
     assert env.spec is not None
     assert env.spec.max_episode_steps == length(gym.make(env.spec)) == length(gym.make_vec(env.spec, 2)) == steps
     assert TimeAwareObservation(env).max_timesteps == steps
+
+
+def test_a_duration_replaces_that_of_a_specification() -> None:
+    spec = make(**SHORT).spec
+    assert spec is not None
+    for again in (gym.make, lambda spec, **kwargs: gym.make_vec(spec, 2, **kwargs)):
+        assert length(again(spec, duration=0.2)) == 20
+        assert length(again(spec, period=0.02)) == 5
+    assert length(gym.make(spec).unwrapped) == spec.max_episode_steps == 10
 
 
 def test_numpy_numbers_count_as_numbers() -> None:

@@ -130,6 +130,7 @@ def test_the_flight_benchmark_has_four_parts_and_no_test_scenario_in_its_trainin
         "storm@racer",
         "flight_dryden_fast@crazyflie",
         '{"wind": "storm", "duration": 5.0}',
+        '{"wind": "storm", "wind_rise": 0.001}',
         "FILE",
     ],
 )

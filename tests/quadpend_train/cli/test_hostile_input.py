@@ -11,7 +11,7 @@ from tests.helpers.scenarios import shorten_scenarios
 from tests.quadpend_train.cli.test_commands import refused
 
 NAMES = ("[red]bold", "a.b", "<b>x")
-FILE = "d[/b]"  # its name has no slash
+FILE = "d[/b].npz"  # its name has no slash
 POLICIES = [*(f"{name}={policy}" for name, policy in zip(NAMES, ("lqr", "lqi", "flatness"), strict=True)), FILE]
 
 
@@ -20,7 +20,7 @@ def brief_scenarios(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     shorten_scenarios(monkeypatch, 0.2)
     monkeypatch.chdir(tmp_path)
     Path(FILE).parent.mkdir()
-    mlp_policy(OBSERVATION_SIZE).save(FILE)
+    mlp_policy(OBSERVATION_SIZE, interface="wrench").save(FILE)
 
 
 @pytest.mark.usefixtures("brief_scenarios")

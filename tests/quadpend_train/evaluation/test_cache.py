@@ -39,6 +39,11 @@ def test_a_damaged_result_is_computed_again(tmp_path: Path) -> None:
         path.write_bytes(data)
     last.write_bytes(last.read_bytes()[:-9])
     assert_same(first, compare(BOTH, SCENARIOS, 4, cache_folder=tmp_path))
+    for path, place in zip(files, (6, 8, 10), strict=True):  # version, flag of encryption, method of compression
+        data = bytearray(path.read_bytes())
+        data[data.index(b"PK\x01\x02") + place] = 99
+        path.write_bytes(data)
+    assert_same(first, compare(BOTH, SCENARIOS, 4, cache_folder=tmp_path))
 
 
 def test_everything_that_determines_a_result_is_in_the_name_of_its_file(

@@ -11,9 +11,11 @@ from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_train.evaluation.cost import call_time
 from quadpend_train.evaluation.delay_budget import delay_budget
 from quadpend_train.evaluation.episodes import run_episodes
+from quadpend_train.evaluation.formatting import format_interval
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.ranking import multiple, ranking
 from quadpend_train.evaluation.recovery import recovery
+from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import summary_table
 from quadpend_train.reports.tables import leaderboard_rows, metric_rows, ranking_rows
 from tests.helpers.policies import synthetic_comparison, synthetic_results
@@ -48,7 +50,7 @@ def test_survival_ranks_first_and_then_the_multiple_of_the_reference() -> None:
     )
     rows = ranking(found.table, {"s0": 0.01, "s1": 0.04})
     assert [row.policy for row in rows] == ["precise", "steady", "reckless"]
-    assert [row.is_safe for row in rows] == [True, True, False]
+    assert [row.has_rank for row in rows] == [True, True, False]
     for row, value in zip(rows, (1.04, 2.08, 0.045), strict=True):  # the root mean square of uniform numbers
         assert row.multiple.value == pytest.approx(value, rel=0.2)
         assert row.multiple.low < value < row.multiple.high or row.policy == "reckless"
@@ -75,7 +77,8 @@ def test_who_always_falls_has_no_error_and_no_rank_and_comes_last() -> None:
     assert (last[:3], last[3][:4]) == (["–", "bad", "–"], "0.00")
     assert [row[3] for row in metric_rows(found)] == ["falls", "2", "2", "0", "1", "2", "0", "0", "1"]
     assert summary_table(found.summaries).query("metric == 'falls'")["value"].sum() == 8
-    assert not any(row.is_safe for row in ranking(synthetic_comparison(a=[falls], b=[falls]).table))
+    assert format_interval(Interval(20.0, np.nan, np.nan)) == "20.0 [–, –]"
+    assert not any(row.has_rank for row in ranking(synthetic_comparison(a=[falls], b=[falls]).table))
 
 
 def test_the_interval_of_a_multiple_covers_it_and_a_scenario_without_survivors_has_none() -> None:

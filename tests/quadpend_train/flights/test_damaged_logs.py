@@ -178,6 +178,11 @@ def test_the_grid_ends_at_the_last_stamp() -> None:
         assert_allclose(log.position[-1], table[["x", "y", "z"]].iloc[-1])
 
 
+def test_positions_may_be_northings_of_utm() -> None:
+    log = make_log("log", whole().assign(y=lambda table: table.y + 5e6), DEFAULT)
+    assert_allclose(log.position[:, 1] - 5e6, whole().y, atol=1e-6)
+
+
 def test_no_window_contains_a_jump_of_the_position() -> None:
     jumped = whole().assign(x=lambda table: table.x + 3.0 * (table.index >= 150))
     for columns in (DEFAULT, Columns()):  # Columns(): velocities are derivatives of the position

@@ -19,6 +19,7 @@ from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
+from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.conversion import FunctionPolicy, as_policy
 from quadpend_train.policies.export import export, export_zip, read_layers
@@ -241,18 +242,39 @@ def test_statistics_are_applied_if_and_only_if_the_model_was_trained_with_them(
     zoo: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (lost := tmp_path / "lost.zip").write_bytes((zoo[0] / "QuadPendulum-v0.zip").read_bytes())
-    with pytest.warns(UserWarning, match="lost.zip was trained with VecNormalize, but without vec_normalize.pkl or"):
-        assert load_policy(str(lost)).card.get("normalization") is None
+    assert load_policy(str(lost)).card.get("normalization") is None
+    assert "lost.zip: was trained with VecNormalize; if that normalised observations, put" in capsys.readouterr().err
     statistics = (zoo[0] / "QuadPendulum-v0/vecnormalize.pkl").read_bytes()
     (tmp_path / "vec_normalize.pkl").write_bytes(statistics)
     assert load_policy(str(tmp_path)).card["normalization"]["clip"] == 2.0
     assert "lost.zip: observations are normalised by" in capsys.readouterr().err
     PPO("MlpPolicy", env(), device="cpu", **ROLLOUT).learn(8).save(plain := tmp_path / "plain.zip")
     assert load_policy(str(plain)).card.get("normalization") is None
-    assert "plain.zip was trained without VecNormalize" in capsys.readouterr().err
+    assert "plain.zip: was trained without VecNormalize: " in capsys.readouterr().err
     (tmp_path / "vecnormalize.pkl").write_bytes(statistics + b" ")
     assert_refused(lambda: load_policy(str(lost)), "lost.zip: .* in .* and .*: keep one of them", ValueError)
     assert_refused(lambda: load_policy(str(tmp_path)), "one of the models in .*: lost.zip, plain.zip", ValueError)
+
+
+def test_an_off_policy_model_does_not_tell_whether_it_was_normalised(
+    zoo: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    SAC("MlpPolicy", env(), device="cpu", learning_starts=2, **BUFFER).learn(8).save(path := tmp_path / "model.zip")
+    assert load_policy(str(path)).card.get("normalization") is None
+    assert capsys.readouterr().err == ""
+    (tmp_path / "vecnormalize.pkl").write_bytes((zoo[0] / "QuadPendulum-v0/vecnormalize.pkl").read_bytes())
+    assert load_policy(str(path)).card["normalization"]["clip"] == 2.0
+    assert "vecnormalize.pkl; if it was trained without, move that away" in capsys.readouterr().err
+
+
+def test_a_model_that_was_trained_on_several_vehicles_flies_any(tmp_path: Path) -> None:
+    scenarios = [Scenario(vehicle=name, interface="body_rates") for name in ("hummingbird", "crazyflie")]
+    around = SB3VecEnv(ConcatenatedVectorEnv([scenario.make_vec(1) for scenario in scenarios]))
+    PPO("MlpPolicy", around, device="cpu", **ROLLOUT).save(path := tmp_path / "model.zip")
+    policy = load_policy(str(path))
+    assert (policy.card["interface"], policy.card["vehicle"]) == ("body_rates", "any")
+    for scenario in scenarios:
+        policy.adapt(scenario)
 
 
 @pytest.mark.parametrize("kind", [PPO, RecurrentPPO])
@@ -282,6 +304,7 @@ def test_the_network_of_a_hybrid_does_not_fly_alone(tmp_path: Path) -> None:
         ("policy.pth", b"PK", "is neither a policy file"),
         ("user/ppo-QuadPendulum-v0", None, "no policy .*: give a file or a folder on this machine"),
         ("missing.zip", None, "no policy 'missing.zip': give a file"),
+        (".", None, "folder '.' has neither policy.npz nor a model"),
     ],
 )
 def test_other_files_are_refused_in_one_sentence(

@@ -77,8 +77,8 @@ def evaluate(
         console.print(f"• {sentence}")
     if comparison.ranking:
         title = (
-            "Survival first: who has a rank survives not significantly less than the best, which few episodes cannot"
-            " tell (compare the falls); then the error of survivors, geometric mean over the scenarios"
+            "Survival first: policies that survive significantly less than the best have no rank (few episodes show no"
+            " difference: compare the falls); then the error of survivors, geometric mean over the scenarios"
         )
         console.print(tables.terminal_table(title, tables.ranking_rows(comparison)))
     elif len(comparison.policies) > 1:

@@ -16,11 +16,9 @@ def format_number(value: float, like: float | None = None) -> str:
 
 
 def format_interval(interval: Interval) -> str:
-    """Return an estimate with its interval, such as ``20.2 [19.3, 21.1]``, or a count; a dash for nan."""
+    """Return an estimate with its interval, such as ``20.2 [19.3, 21.1]``; a dash if the estimate is nan."""
     if np.isnan(interval.value):
         return "–"
-    if np.isnan(interval.low) and interval.value == round(interval.value):
-        return f"{interval.value:.0f}"
     smallest = min(abs(interval.value), abs(interval.low) or abs(interval.value))  # 99.5 is not rounded to 100
     value, low, high = (format_number(number, smallest) for number in interval)
     return f"{value} [{low}, {high}]"

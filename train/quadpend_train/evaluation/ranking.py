@@ -25,9 +25,7 @@ class RankingRow(NamedTuple):
     """One policy in the ranking."""
 
     policy: str
-    is_safe: (
-        bool  # whether it has a rank: it has an error, and its survival is not significantly lower than the highest
-    )
+    has_rank: bool  # its survival is not significantly lower than the highest, and it has survivors in every scenario
     survival: Interval  # %, of all episodes
     falls: int  # of all training seeds
     worst_survival: Interval  # % in the scenario where it is smallest; ignores the selection of this scenario
@@ -70,7 +68,7 @@ def ranking(table: pd.DataFrame, references: Mapping[str, float] | None = None) 
                 float(np.mean([values["effort"].mean() for values in results.values()])),
             )
         )
-    return sorted(rows, key=lambda row: (not row.is_safe, row.multiple.value if row.is_safe else -row.survival.value))
+    return sorted(rows, key=lambda row: (not row.has_rank, row.multiple.value if row.has_rank else -row.survival.value))
 
 
 def survivors(values: Values) -> Floats:

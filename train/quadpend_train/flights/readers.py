@@ -1,6 +1,7 @@
 """Readers of flight logs: CSV, PX4 (.ulg) by pyulog, and Betaflight blackbox (.bbl, .bfl) by orangebox."""
 
 import logging
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from quadpend_gym.core.files import read_toml
+from quadpend_train.common.text import brief
 from quadpend_train.flights.flight_log import DEFAULT, Columns, FlightLog, make_log
 
 # Motors in the order front left, back left, back right, front right of the presets in X layout.
@@ -54,7 +56,7 @@ def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> F
     except Exception as error:  # parsers raise errors of many types for damaged files
         if isinstance(error, ImportError) or getattr(error, "errno", None):
             raise
-        raise ValueError(f"the log {str(path)!r} cannot be read as {kind}: {error}") from error
+        raise ValueError(f"the log {str(path)!r} cannot be read as {kind}: {brief(error)}") from error
     log = make_log(path.stem, table, known)
     if still := [name for name, numbers in zip(known.motors, log.motors.T, strict=True) if not numbers.any()]:
         raise ValueError(f"the log {log.name!r} shows no flight: its motor {still[0]!r} never turns")
@@ -94,6 +96,14 @@ def _betaflight(path: Path) -> pd.DataFrame:
     """Return all fields of the first flight in a blackbox log."""
     from orangebox import Parser
 
-    logging.getLogger("orangebox").setLevel(logging.CRITICAL)  # many lines for one damaged frame
-    parser = Parser.load(str(path))
-    return pd.DataFrame([frame.data for frame in parser.frames()], columns=parser.field_names)
+    messages = logging.getLogger("orangebox")
+    usual = messages.level
+    messages.setLevel(logging.CRITICAL)  # many lines for one damaged frame
+    try:
+        parser = Parser.load(str(path))
+        frames = [frame.data for frame in parser.frames()]
+    finally:
+        messages.setLevel(usual)
+    if lost := parser._ctx.invalid_frame_count:
+        print(f"{path}: {lost} damaged frames are left out, and {len(frames)} are read.", file=sys.stderr)
+    return pd.DataFrame(frames, columns=parser.field_names)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import torch
-from gymnasium import logger
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats32
@@ -67,24 +67,27 @@ def from_zip(path: Path, vec_normalize: Any, convert: Callable[[Any, Any], _Made
 def _statistics(path: Path, model: Any) -> Path | None:
     """Return the file of the statistics with which a saved model was trained, and say what is applied.
 
-    `_last_original_obs` are the observations before the normalisation, which `learn` stores only with `VecNormalize`.
+    `_last_original_obs` are the observations before the normalisation. An on-policy algorithm stores them only with
+    `VecNormalize`, others always, so their models do not tell.
     """
     found = statistics_files(path)
     names = " and ".join(map(str, found))
-    learned, normalized = (getattr(model, f"_last_{name}obs", None) is not None for name in ("", "original_"))
-    if learned and not normalized:
-        if found:
-            print(f"{path} was trained without VecNormalize: {names} is not applied.", file=sys.stderr)
-        return None
-    if len(found) > 1:
+    learned, stored = (getattr(model, f"_last_{name}obs", None) is not None for name in ("", "original_"))
+    tells = learned and isinstance(model, OnPolicyAlgorithm)
+    if len(found) > 1 and (stored or not tells):
         raise ValueError(f"the statistics of VecNormalize are in {names}: keep one of them")
-    if found:
-        print(f"{path}: observations are normalised by {names}.", file=sys.stderr)
-    elif normalized:
-        logger.warn(
-            "%s was trained with VecNormalize, but without %s beside it the observations are not normalised",
-            *(path, " or ".join(STATISTICS)),
+    if tells and stored and not found:
+        message = f"was trained with VecNormalize; if that normalised observations, put {STATISTICS[0]} beside it"
+    elif tells and found and not stored:
+        message = f"was trained without VecNormalize: {names} is not applied"
+        found = []
+    elif found:
+        message = f"observations are normalised by {names}" + (
+            "" if tells else "; if it was trained without, move that away"
         )
+    else:
+        return None
+    print(f"{path}: {message}.", file=sys.stderr)
     return found[0] if found else None
 
 

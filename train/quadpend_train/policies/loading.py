@@ -95,8 +95,13 @@ def policy_file(name: str) -> Path:
         path = _file_in(path)
     if not path.is_file():
         path = SHIPPED / f"{name}.npz"
+    if not path.is_file() and Path(name).is_dir():
+        raise ValueError(
+            f"the folder {name!r} has neither policy.npz nor a model (.zip): give that of a finished run"
+            " or a policy file"
+        )
     if not path.is_file() and ("/" in name or Path(name).suffix):
-        raise ValueError(f"there is no policy {name!r}: give a file or a folder on this machine, also of Hugging Face")
+        raise ValueError(f"there is no policy {name!r}: give a file or a folder on this machine; first download others")
     if not path.is_file():
         known = [*CONTROLLERS, *shipped_policies()]
         raise ValueError(

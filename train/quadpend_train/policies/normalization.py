@@ -64,4 +64,5 @@ def statistics_files(model: Path) -> list[Path]:
     if run := re.fullmatch(r"(.+)_\d+", folder.resolve().name):
         folders.append(folder / run[1])
     found = [path for folder in dict.fromkeys(folders) for name in STATISTICS if (path := folder / name).is_file()]
+    # Stable-Baselines3 and the Zoo both save the statistics of one run, so files of the same content count as one.
     return [*{path.read_bytes(): path for path in reversed(found)}.values()]

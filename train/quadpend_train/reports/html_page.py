@@ -5,7 +5,7 @@
 
 import datetime
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,8 +62,8 @@ def style(i: int) -> dict[str, str]:
     return {"colour": figures.colour(i).replace("#000000", "currentColor"), "dashes": dashes}
 
 
-def _estimate(interval: Interval) -> Markup:
-    value, _, ends = format_interval(interval).partition(" ")
+def _estimate(interval: Interval, show: Callable[[Interval], str] = format_interval) -> Markup:
+    value, _, ends = show(interval).partition(" ")
     return Markup(f"{value} <small>{ends}</small>" if ends else value)
 
 

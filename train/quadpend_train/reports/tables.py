@@ -29,7 +29,7 @@ def metric_rows(comparison: Comparison) -> Rows:
     units = {name: METRICS[name].unit and f" ({METRICS[name].unit})" for name in METRIC_COLUMNS}
     rows: Rows = [["scenario", "policy", *(name.replace("_", " ") + unit for name, unit in units.items())]]
     for cell, summary in comparison.summaries.items():
-        rows.append([*cell, *(format_interval(summary[name]) for name in METRIC_COLUMNS)])
+        rows.append([*cell, *(METRICS[name].show(summary[name]) for name in METRIC_COLUMNS)])
     return rows
 
 
@@ -66,7 +66,7 @@ def ranking_rows(comparison: Comparison) -> Rows:
         margin = min((1000.0 * margins.delay for margins in found if margins), default=np.nan)
         numbers = row.effort, 1e6 * comparison.call_times[row.policy], margin
         intervals = format_interval(row.survival), worst, format_interval(row.multiple)
-        place = str(rank) if row.is_safe else "–"
+        place = str(rank) if row.has_rank else "–"
         rows.append([place, row.policy, *intervals, str(row.falls), *map(format_number, numbers)])
     return rows
 

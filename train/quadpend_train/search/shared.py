@@ -5,6 +5,7 @@ lost. The lock of a journal is one of the operating system, which a killed proce
 """
 
 import signal
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -69,14 +70,17 @@ def _journal(file: Path) -> JournalStorage:
 def signals_wait() -> Iterator[None]:
     """Let Ctrl-C and SIGTERM wait until the end of the block, so that file and memory of a storage stay the same."""
     received: list[int] = []
-    handlers = {}
+    handlers: dict[int, Any] = {}
+    # Signals interrupt no other thread; a handler that C has set is None for Python, which could not set it again.
+    is_main = threading.current_thread() is threading.main_thread()
+    numbers = [number for number in (signal.SIGINT, signal.SIGTERM) if is_main and signal.getsignal(number) is not None]
     try:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in numbers:
             handlers[number] = signal.signal(number, lambda number, _: received.append(number))
         yield
     finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+        for changed, handler in handlers.items():
+            signal.signal(changed, handler)
         for waited in received:
             signal.raise_signal(waited)
 
@@ -97,11 +101,12 @@ def run_trials(
     with quiet(), tqdm(total=trials, unit="trial", disable=not progress) as bar:
         while (count := len(finished(study))) < trials:
             bar.update(count - bar.n)
-            trial, value, state = None, None, TrialState.FAIL
+            trial, value = None, None
+            state: TrialState | None = TrialState.FAIL
             try:
                 with signals_wait():
                     trial = study.ask(dict(space))
-                value, state = objective(trial), TrialState.COMPLETE
+                value, state = objective(trial), None  # a trial whose value is nan fails
             except optuna.TrialPruned:
                 state = TrialState.PRUNED
             finally:
