@@ -116,7 +116,7 @@ def test_fine_tuned_policy_is_reproduced_while_its_start_exists(
         ),
         ({"start_from": "adrc-paper"}, "must be a learned policy with a feedforward network, not adrc-paper"),
         ({"start_from": "nix"}, "there is no policy 'nix'"),
-        ({"start_from": "ppo-gain-scheduling-0"}, "ppo-gain-scheduling-0 has .*, but the settings have"),
+        ({"start_from": "ppo-alone-0"}, "ppo-alone-0 has .*, but the settings have"),
         ({"hybrid": HybridSettings("lqr", imitation_timesteps=64)}, "imitation_timesteps must be 0 with start_from"),
     ],
     ids=str,
@@ -146,7 +146,7 @@ def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None
     assert_refused(lambda: training.initial_model(replace(rates, scenarios=("calm",))), "'body_rates'.*'wrench'")
 
 
-@pytest.mark.parametrize("name", [seed for seeds in shipped_policies().values() for seed in seeds])
+@pytest.mark.parametrize("name", shipped_policies())
 def test_every_shipped_policy_can_be_trained_again_from_its_card(name: str) -> None:
     card = MlpPolicy.load(name).card
     make_env(settings_of_card(card, name))

@@ -4,7 +4,7 @@ A policy file is an npz archive with float32 weights and biases and a JSON text,
 needs numpy and, for a hybrid, the classical controllers of `quadpend_baselines`. It needs neither PyTorch nor
 Stable-Baselines3:
 
-    policy = MlpPolicy.load("ppo-gain-scheduling-0")
+    policy = MlpPolicy.load("apg-0")
     action, memory = policy.predict(observation, memory)
 
 The fields of the card that determine the policy are those of `Card`. A trained policy's card also has the settings, the
@@ -100,7 +100,7 @@ class MlpPolicy(Policy):
 
     @classmethod
     def load(cls, name: str | Path) -> "MlpPolicy":
-        """Load a policy file by its path, or a policy of this package by its name (``"ppo-gain-scheduling-0"``)."""
+        """Load a policy file by its path, or a policy of this package by its name (``"apg-0"``)."""
         path = Path(name)
         if not path.is_file() and not (path := SHIPPED / f"{name}.npz").is_file():
             raise ValueError(f"{str(name)!r} must be the path of a policy file or the name of a policy of this package")
