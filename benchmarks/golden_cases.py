@@ -176,13 +176,11 @@ TRAININGS: dict[str, Parts] = {
     "ppo with checkpoints": {"save_freq": 256},
     "ppo on the DESO's estimates": {"hybrid": {"base_controller": "adrc-matched"}},
     "ppo after imitation": {"hybrid": {"base_controller": "flatness", "imitation_timesteps": 640}},
-    "ppo with bandwidth scheduling": {
+    "ppo with a residual and a relative reward": {
         "hybrid": {
             "base_controller": "flatness",
             "baseline_relative_reward": True,
-            "mode": "bandwidth_scheduling",
-            "fallback_gain": 3.0,
-            "action_repeat": 5,
+            "mode": "residual_action",
         },
         "max_episode_steps": 20,
         "critic_warmup_steps": 256,

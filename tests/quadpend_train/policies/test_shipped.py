@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from experiments.pages import POLICIES, training_seeds
 from quadpend_train.policies.loading import load_policies
-from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, SHIPPED, MlpPolicy
+from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.training.callbacks import validate
 from quadpend_train.training.settings import read_settings, settings_of_card, to_mapping
 from quadpend_train.training.train import CARD_SEED
@@ -30,7 +30,7 @@ def test_card_agrees_with_settings_and_policy(path: Path) -> None:
     settings = settings_of_card(card, path.stem)
     assert to_mapping(settings) == {**to_mapping(read_settings(name)), "seed": int(seed)}
     assert card["seed"] == settings.seed
-    assert {name: card[name] for name in PLAIN_INTERFACE} == settings.policy_interface()
+    assert {"hybrid": card["hybrid"]} == settings.policy_interface()
     assert {"score", "curve", "provenance", "seconds", "steps"} <= set(card)
     assert path.stat().st_size < 1_000_000
 

@@ -35,13 +35,12 @@ LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"
 MIXED = replace(SEGMENTS, scenarios=(SHORT, OTHER), eval_freq=256, save_freq=256)
 INPUTS = replace(SEGMENTS, input_scales=(8.0,), critic_warmup_steps=700, save_freq=256)
 GSDE_SAC = with_arguments(SEGMENTS_SAC, use_sde=True, sde_sample_freq=4, train_freq=4)
-RELATIVE = replace(RESIDUAL, baseline_relative_reward=True, failure_penalty=2.0, action_repeat=4)
+RELATIVE = replace(RESIDUAL, baseline_relative_reward=True, failure_penalty=2.0)
 RUNS: dict[str, TrainSettings] = {
     "ppo, evaluated": MIXED,
     "ppo, input scales, critic first": INPUTS,
     "ppo, gSDE": with_arguments(SEGMENTS, use_sde=True, sde_sample_freq=4),
-    "ppo, bandwidth scheduling": replace(SEGMENTS, hybrid=HybridSettings("flatness", "bandwidth_scheduling")),
-    "ppo, baseline-relative and repeated": replace(SEGMENTS, hybrid=RELATIVE),
+    "ppo, baseline-relative": replace(SEGMENTS, hybrid=RELATIVE),
     "ppo, imitation": replace(SEGMENTS, hybrid=HybridSettings("adrc-matched", imitation_timesteps=320)),
     "ppo, long rollouts": replace(with_arguments(SEGMENTS, n_steps=24, n_epochs=2), total_timesteps=1200),
     "sac, gSDE": GSDE_SAC,

@@ -62,7 +62,6 @@ def _learned(name: str) -> tuple[dict[str, Any], dict[str, str]]:
         "network": f"{' → '.join(map(str, widths))}, {card['activation']}",
         "observes": f"the environment's observation of {' or '.join(map(str, policy.observation_sizes))} numbers"
         + (f", as {hybrid['base_controller']} estimates it" if hybrid else ""),
-        "acts": f"every {card['action_repeat']} control steps" if card["action_repeat"] > 1 else "every control step",
     }
     if score and "settings" in card:
         settings = settings_of_card(card, name)

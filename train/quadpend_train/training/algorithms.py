@@ -14,14 +14,14 @@ from quadpend_train.common.text import brief
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.export import export
 from quadpend_train.policies.loading import load_policy
-from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, check_interface
+from quadpend_train.policies.mlp_policy import MlpPolicy, check_interface
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, linear_layers
 from quadpend_train.training.apg import APG, check_apg
 from quadpend_train.training.arguments import as_python, linear_schedule
 from quadpend_train.training.settings import ALONE, TrainSettings
 
 # Fields of a card that must be the same, with their defaults
-_COMPARED = dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales")) | PLAIN_INTERFACE
+_COMPARED = dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales", "hybrid"))
 
 
 def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> Any:
