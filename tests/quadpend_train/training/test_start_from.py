@@ -17,7 +17,6 @@ from tests.helpers.policies import mlp_policy
 from tests.helpers.training import (
     BRIEF,
     BRIEF_SAC,
-    interrupt_at,
     train_policy,
     with_arguments,
 )
@@ -25,7 +24,6 @@ from tests.helpers.training import (
 SHORTER = replace(BRIEF, total_timesteps=512, save_freq=256)
 SHORTER_SAC = replace(BRIEF_SAC, total_timesteps=256, save_freq=128)
 RESIDUAL = HybridSettings("flatness", "residual_action", action_scale=0.3)
-each_algorithm = pytest.mark.parametrize("settings", [SHORTER, SHORTER_SAC], ids=["ppo", "sac"])
 
 
 @pytest.mark.parametrize(
@@ -63,27 +61,6 @@ def test_training_on_estimates_starts_with_a_policy_of_the_true_state(tmp_path: 
 def network(**changes: Any) -> dict[str, Any]:
     """Return the arguments of PPO with a network like that of `mlp_policy`."""
     return {**BRIEF.arguments, "policy_kwargs": {"net_arch": (8, 6), **changes}}
-
-
-@each_algorithm
-def test_interrupted_fine_tuning_equals_an_uninterrupted_one(
-    settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also after the policy from which it started has been deleted."""
-    start = tmp_path / "start.npz"
-    training.export(training.initial_model(settings)).save(start)
-    tuned = replace(settings, start_from=str(start))
-    policy = train_policy(tuned, tmp_path / "whole")
-    assert policy.card["settings"]["start_from"] == str(start)
-    for steps in (64, settings.save_freq + 64):
-        broken = tmp_path / f"broken_{steps}"
-        training.export(training.initial_model(settings)).save(start)
-        with monkeypatch.context() as patch:
-            interrupt_at(steps, patch)
-            with pytest.raises(KeyboardInterrupt):
-                train_policy(tuned, broken)
-        start.unlink()
-        assert weight_difference(MlpPolicy.load(training.resume(broken, progress=False)), policy) == 0.0
 
 
 def test_fine_tuned_policy_is_reproduced_while_its_start_exists(

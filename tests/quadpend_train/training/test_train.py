@@ -24,7 +24,7 @@ from quadpend_train.search.tuning import SCORE_SEED
 from quadpend_train.training import callbacks, dagger
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import make_model
-from quadpend_train.training.callbacks import first_seed, validate
+from quadpend_train.training.callbacks import first_seed, read_curve, validate
 from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings, from_mapping, read_settings
@@ -36,7 +36,6 @@ from tests.helpers.training import (
     OTHER,
     SHORT,
     model_of,
-    read_curve,
     train_policy,
     with_arguments,
 )

@@ -70,9 +70,11 @@ def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:
     return model
 
 
-def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None:
-    """Copy the network of the policy `start_from`, or of its copy if that exists, to the actor of a model."""
-    policy = MlpPolicy.load(copied) if copied and copied.is_file() else start_policy(settings)
+def load_actor(model: Any, settings: TrainSettings) -> None:
+    """Copy the network of the policy `start_from` to the actor of a model."""
+    policy = load_policy(settings.start_from)
+    if not isinstance(policy, MlpPolicy):
+        raise ValueError(f"start_from must be a learned policy with a feedforward network, not {settings.start_from}")
     hybrid = settings.hybrid
     wider = linear_layers(model)[0].in_features
     plain = policy.hybrid is None and len(policy.layers[0][0]) == OBSERVATION_SIZE < wider
@@ -106,11 +108,3 @@ def _compared(policy: MlpPolicy) -> dict[str, Any]:
     """Return what must be the same in two policies."""
     widths = [len(policy.layers[0][0]), *(len(biases) for _, biases in policy.layers)]
     return {name: policy.card.get(name, default) for name, default in _COMPARED.items()} | {"widths": widths}
-
-
-def start_policy(settings: TrainSettings) -> MlpPolicy:
-    """Return the policy `start_from`."""
-    policy = load_policy(settings.start_from)
-    if not isinstance(policy, MlpPolicy):
-        raise ValueError(f"start_from must be a learned policy with a feedforward network, not {settings.start_from}")
-    return policy

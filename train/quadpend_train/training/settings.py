@@ -163,7 +163,7 @@ class TrainSettings:
     """Timesteps at the beginning in which an on-policy algorithm trains only the critic, for policies that perform well
     from the start."""
     save_freq: Annotated[int, Range(1, 1e12)] = 1_000_000
-    """Timesteps between two checkpoints; all sub-environments begin new episodes at a checkpoint."""
+    """Timesteps between two checkpoints."""
     eval_freq: Annotated[int, Range(0, 1e12)] = 0
     """Timesteps between two evaluations in the training scenarios; 0 for no evaluations."""
     n_eval_episodes: Annotated[int, Range(1, 100_000)] = 32
