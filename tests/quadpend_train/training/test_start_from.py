@@ -7,11 +7,9 @@ from typing import Any
 import pytest
 
 from quadpend_train.cli.main import main
-from quadpend_train.policies.loading import shipped_policies
-from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
+from quadpend_train.policies.mlp_policy import weight_difference
 from quadpend_train.training import train as training
-from quadpend_train.training.environment import make_env
-from quadpend_train.training.settings import HybridSettings, TrainSettings, read_settings, settings_of_card
+from quadpend_train.training.settings import HybridSettings, TrainSettings, read_settings
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.policies import mlp_policy
 from tests.helpers.training import (
@@ -121,9 +119,3 @@ def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None
     mlp_policy(36, interface="body_rates", vehicle="hummingbird").save(start)
     training.initial_model(rates)
     assert_refused(lambda: training.initial_model(replace(rates, scenarios=("calm",))), "'body_rates'.*'wrench'")
-
-
-@pytest.mark.parametrize("name", shipped_policies())
-def test_every_shipped_policy_can_be_trained_again_from_its_card(name: str) -> None:
-    card = MlpPolicy.load(name).card
-    make_env(settings_of_card(card, name))
