@@ -29,7 +29,7 @@ def test_cards_of_shipped_policies_have_the_settings_of_their_presets() -> None:
         assert {"score", "curve", "provenance", "seconds", "steps"} <= set(card)
 
 
-@pytest.mark.parametrize("name", ["ppo-alone-0", "apg-flight-0"])
+@pytest.mark.parametrize("name", ["ppo-alone-0", "sac-alone-0"])
 def test_policy_has_the_score_on_its_card(name: str) -> None:
     """This detects changes of the observation and of the use of the action."""
     policy = MlpPolicy.load(name)
