@@ -111,7 +111,7 @@ def test_a_file_changes_the_defaults(tmp_path: Path) -> None:
 
 def test_scenarios_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text('wind = "storm"\n')
+    path.write_text('wind = "windy"\n')
 
     def scenarios(given: Any) -> tuple[str, ...]:
         return from_mapping({"scenarios": given}, "a test").scenarios
@@ -119,10 +119,10 @@ def test_scenarios_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Pat
     assert scenarios("training") == ("training",)
     (whole,) = scenarios(str(path))
     path.unlink()  # the settings have the contents of the file
-    assert find_scenario(whole) == find_scenario('{"wind": "storm"}')
+    assert find_scenario(whole) == find_scenario('{"wind": "windy"}')
     assert scenarios(whole) == (whole,)
-    for given in ('{"wind": "storm"}', {"wind": "storm"}, [{"wind": "storm"}]):
-        assert scenarios(given) == ('{"wind": "storm"}',)
+    for given in ('{"wind": "windy"}', {"wind": "windy"}, [{"wind": "windy"}]):
+        assert scenarios(given) == ('{"wind": "windy"}',)
 
 
 @pytest.mark.parametrize(
