@@ -137,15 +137,11 @@ FLIGHTS: dict[str, dict[str, Parts]] = {
     "lqg": CLASSICAL,
     **dict.fromkeys(("flatness-unpredicted", "lqr-unpredicted"), DELAYED),
     "swing-up": {**SWING_UP, **RIGID},
-    **dict.fromkeys(("apg", "ppo-alone", "sac-alone", "sac-agile"), PAPER),
-    **dict.fromkeys(("ppo-gain-scheduling", "ppo-agile"), PAPER | HUMMINGBIRD | RIGID),
-    **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops"), HUMMINGBIRD),
-    **dict.fromkeys(("apg-vehicles", "apg-vehicles-safe", "dagger-vehicles"), HUMMINGBIRD),
-    **{f"{algo}-load": LOAD for algo in ("ppo", "sac")},
-    **{f"{algo}-{task}": SWING_UP for algo, task in product(("ppo", "sac"), ("swing-up", "recovery"))},
-    "ppo-swing-up-wind": SWING_UP,
+    **dict.fromkeys(("apg", "ppo-alone", "sac-alone"), PAPER),
+    **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops", "apg-vehicles-safe"), HUMMINGBIRD),
+    **dict.fromkeys(("ppo-swing-up", "ppo-swing-up-wind"), SWING_UP),
 }
-LEARNED = ("apg", "ppo-", "sac-", "dagger-")  # beginnings of their names
+LEARNED = ("apg", "ppo-", "sac-")  # beginnings of their names
 EPISODES = {"nmpc": 2}  # of each flight; the actions of `nmpc` take milliseconds
 SECONDS, LONG = 2.0, 3.0  # of an episode whose parts have no duration, and of one in a scenario of the package
 
@@ -180,13 +176,11 @@ TRAININGS: dict[str, Parts] = {
     "ppo with checkpoints": {"save_freq": 256},
     "ppo on the DESO's estimates": {"hybrid": {"base_controller": "adrc-matched"}},
     "ppo after imitation": {"hybrid": {"base_controller": "flatness", "imitation_timesteps": 640}},
-    "ppo with bandwidth scheduling": {
+    "ppo with a residual and a relative reward": {
         "hybrid": {
             "base_controller": "flatness",
             "baseline_relative_reward": True,
-            "mode": "bandwidth_scheduling",
-            "fallback_gain": 3.0,
-            "action_repeat": 5,
+            "mode": "residual_action",
         },
         "max_episode_steps": 20,
         "critic_warmup_steps": 256,

@@ -76,8 +76,8 @@ model.save(FOLDER / "mine.zip")
 # %% 8. A trained policy from the package; loading it executes no code
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
-hybrid = MlpPolicy.load("ppo-gain-scheduling-0")
-settings = hybrid.card["settings"]
+learned = MlpPolicy.load("apg-0")
+settings = learned.card["settings"]
 print("Trained in", settings["scenarios"], "for", settings["total_timesteps"], "timesteps")
 
 # %% 9. A comparison of policies in the same episodes
@@ -87,7 +87,7 @@ policies = {
     "adrc": "adrc-paper",
     "flatness": "flatness",
     "mine": str(FOLDER / "mine.zip"),
-    "hybrid": "ppo-gain-scheduling-0",
+    "learned": "apg-0",
 }
 report = evaluate(policies, ["calm", "windy"], FOLDER / "results", episodes=10, cache_folder=FOLDER / "cache")
 print((FOLDER / "results/comparison.md").read_text())
@@ -96,7 +96,7 @@ print((FOLDER / "results/comparison.md").read_text())
 from quadpend_train.cli.watch import VideoOptions, watch
 
 video = VideoOptions(seconds=(0.0, 2.0), size=(640, 360), out=FOLDER / "windy.gif")
-watch(("adrc-paper", "ppo-gain-scheduling-0"), scenarios=("windy",), video=video)
+watch(("adrc-paper", "apg-0"), scenarios=("windy",), video=video)
 with Image.open(FOLDER / "windy.gif") as frames:
     frames.seek(30)
     picture = frames.convert("RGB")

@@ -26,7 +26,7 @@ from quadpend_train.policies.loading import load_policy
 
 POLICIES = {
     "flight_breeze": ("lqg", "lqr", "lqi", "flatness", "dual-mode", "adrc-paper", "ppo-flight-0", "apg-flight-0"),
-    "windy": ("apg-0", "ppo-alone-0", "ppo-gain-scheduling-0", "adrc-paper"),
+    "windy": ("apg-0", "ppo-alone-0", "adrc-paper"),
 }
 _CHIP = Path(__file__).parent / "chip"
 MISSING = [name for name in ("arm-none-eabi-gcc", "qemu-system-arm") if which(name) is None]

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.flight_cells import cell_table, errors_of, front_figure, scenario_figure
-from experiments.pages import CACHE, DOCS, README, fill, made_by, options
+from experiments.pages import CACHE, DOCS, README, fill, made_by, options, training_seeds
 from quadpend_baselines.gains import HUMMINGBIRD_TUNED
 from quadpend_gym.scenarios import SCENARIOS, find_scenarios
 from quadpend_train.common.executors import run
@@ -120,7 +120,7 @@ def main() -> None:
     """Fly, and write the page with its figures and tables."""
     given = options(__doc__, 200, POLICIES, FOLDER)
     settings, page, published = (given.episodes, given.seed), given.out / "tables.md", FOLDER / "tables.md"
-    found = compare(given.policies, ["flight"], *settings, CACHE, jobs=given.jobs)
+    found = compare([*map(training_seeds, given.policies)], ["flight"], *settings, CACHE, jobs=given.jobs)
     delays, table = delay_margins(found, given.seed, given.jobs), cell_table(found)
     rows = [[*row, "extra delay (ms)"] for row in tables.ranking_rows(found)]
     for row in rows[1:]:

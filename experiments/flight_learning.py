@@ -2,7 +2,7 @@
 
     python -m experiments.flight_learning --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 
-The shipped seeds of `apg-flight` are compared with the classical controllers. Variants of the preset are trained in
+The training seeds of `apg-flight` are compared with the classical controllers. Variants of the preset are trained in
 runs/flight-learning/, with less time and without memory. A training has as many timesteps as fit into its budget on an
 idle machine; the seconds are measured. A finished training is found in its folder, and an interrupted one goes on.
 """
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.pages import CACHE, DOCS, fill, made_by, options
+from experiments.pages import CACHE, DOCS, fill, made_by, options, training_seeds
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
 from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair
@@ -107,10 +107,10 @@ def memory(found: Comparison) -> str:
 def main() -> None:
     """Train, fly, and write the tables of the page."""
     given = options(__doc__, 200)
-    found: dict[str, Any] = {name: load_policies(name)[:SEEDS] for name in LEARNERS}
+    found: dict[str, Any] = {name: load_policies(training_seeds(name).rpartition("=")[2])[:SEEDS] for name in LEARNERS}
     found |= {f"apg-flight, {name}": trained(name) for name in VARIANTS}
     common = given.episodes, given.seed, CACHE
-    every = compare([OPPONENT, *LEARNERS], ["flight"], *common, jobs=given.jobs)
+    every = compare([OPPONENT, *map(training_seeds, LEARNERS)], ["flight"], *common, jobs=given.jobs)
     few = min(given.episodes, FEW), given.seed
     shorter = compare(found, ["flight"], *few, CACHE, jobs=given.jobs)
     late = compare(found | {name: name for name in CLASSICAL}, ["flight_unknown"], *common, jobs=given.jobs)

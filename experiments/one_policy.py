@@ -3,15 +3,14 @@
     python -m experiments.one_policy --jobs 2      # 100 episodes in each scenario, seeds from 1000000
 
 The networks of `dagger-vehicles` (imitation) and `apg-vehicles-safe`, which two trainings lead to from it, are told
-nothing but the measurements; `lqg` knows every vehicle. The networks for one vehicle have the presets `dagger-vehicles`
-and `apg-vehicles` with one vehicle, a quarter of the labels and 2,000,000 steps. They are trained once, in
-runs/one-policy/.
+nothing but the measurements; `lqg` knows every vehicle. The networks for one vehicle have the settings of the first two
+trainings with one vehicle, a quarter of the labels and 2,000,000 steps. They are trained once, in runs/one-policy/.
 """
 
 from pathlib import Path
 from typing import Any
 
-from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
+from experiments.pages import CACHE, DOCS, POLICIES, fill, made_by, options, with_survival
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.evaluation.comparison import compare
@@ -19,7 +18,8 @@ from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.training.settings import read_settings, with_values
 from quadpend_train.training.train import train_or_resume
 
-POLICIES, RUNS = {"imitation": "dagger-vehicles", "one": "apg-vehicles-safe"}, Path("runs/one-policy")
+RUNS = Path("runs/one-policy")
+FIRST, SECOND = (str(POLICIES / f"{name}-vehicles-0.npz") for name in ("dagger", "apg"))
 KNOWN = tuple(name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid")
 UNSEEN = tuple(f"random:{seed}" for seed in range(1001, 1021))
 OWN = "hummingbird", "skydio-x2", "racer"  # vehicles with a network of their own
@@ -32,12 +32,12 @@ def own_policy(vehicle: str) -> str:
     windy, calm = f"vehicles_training@{vehicle}", f"vehicles_training_calm@{vehicle}"
     labels = {"hybrid.imitation_timesteps": 1_000_000, "hybrid.imitation_rounds": 10}
     steps = {"total_timesteps": 2_000_000, "num_envs": 64, "start_from": str(first)}
-    for path, preset, values in (
-        (first, "dagger-vehicles", {"scenarios": (windy,), **labels}),
-        (folder, "apg-vehicles", {"scenarios": (windy, calm), **steps}),
+    for path, policy, values in (
+        (first, FIRST, {"scenarios": (windy,), **labels}),
+        (folder, SECOND, {"scenarios": (windy, calm), **steps}),
     ):
         if not (path / "policy.npz").is_file():
-            train_or_resume(with_values(read_settings(preset), values), path)
+            train_or_resume(with_values(read_settings(policy), values), path)
     return str(folder)
 
 
@@ -56,7 +56,7 @@ def error(cell: dict[str, Any]) -> float:
 def main() -> None:
     """Train what is missing, fly, and fill the tables."""
     given = options(__doc__, episodes=100)
-    names = ["lqg", *(f"{name}={preset}-0" for name, preset in POLICIES.items())]
+    names = ["lqg", f"imitation={FIRST}", "one=apg-vehicles-safe-0"]
     rows, others = [], []
     for vehicle in KNOWN:
         own = [f"own={own_policy(vehicle)}"] if vehicle in OWN else []

@@ -12,6 +12,7 @@ from quadpend_train.evaluation.statistics import Interval
 README = Path(__file__).parents[1] / "README.md"
 DOCS = README.parent / "docs"
 CACHE = Path("results/cache")
+POLICIES = Path(__file__).parent / "policies"  # further training seeds of the published tables
 
 
 def options(
@@ -28,6 +29,12 @@ def options(
     parser.add_argument("--seed", type=int, default=TEST_SEED, help="seed of the first episode")
     parser.add_argument("--jobs", type=int, default=2, help="number of processes; the results do not depend on it")
     return parser.parse_args()
+
+
+def training_seeds(name: str) -> str:
+    """Return a policy as `compare` takes it: a learner of the published tables with all its training seeds."""
+    others = sorted(map(str, POLICIES.glob(f"{name}-[1-9].npz")))
+    return f"{name}={','.join([f'{name}-0', *others])}" if others else name
 
 
 def fill(path: Path, parts: Mapping[str, str]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import flight, results
-from experiments.pages import DOCS
+from experiments.pages import DOCS, training_seeds
 from quadpend_gym.scenarios import find_scenario, find_scenarios
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
@@ -33,7 +33,9 @@ def fly(policy: str, scenario: str, move: float = 0.0) -> pd.DataFrame:
     env: Any = find_scenario(scenario).make_vec(EPISODES)
     env.reset(seed=TEST_SEED)
     start = {"state": {"position": env.state.position + move}}
-    found = run_episodes(load_policies(policy)[:1], scenario, EPISODES, TEST_SEED, start)
+    found = run_episodes(
+        load_policies(training_seeds(policy).rpartition("=")[2])[:1], scenario, EPISODES, TEST_SEED, start
+    )
     return pd.DataFrame({name: getattr(found, name)[0] for name in ("survived", *VALUES)})
 
 

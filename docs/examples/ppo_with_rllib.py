@@ -15,7 +15,7 @@ from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
 from quadpend_baselines import Policy
 from quadpend_train.policies.export import read_layers
-from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 
 
 def policy_from_checkpoint(checkpoint: Path) -> Policy:
@@ -25,7 +25,7 @@ def policy_from_checkpoint(checkpoint: Path) -> Policy:
     head = torch.nn.Linear(last.in_features, 4)
     head.load_state_dict({"weight": last.weight[:4], "bias": last.bias[:4]})
     layers, fields = read_layers([*hidden, head])
-    return MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE, "interface": "wrench"})
+    return MlpPolicy(layers, {"format": FORMAT, **fields, "hybrid": None, "interface": "wrench"})
 
 
 if __name__ == "__main__":

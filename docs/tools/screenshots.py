@@ -17,7 +17,7 @@ DOCS = Path(__file__).parents[1]
 TAGS = "ep_rew_mean|reward/(tracking|upright)|penalised_rmse|survival"
 CLOSE = "[...document.querySelectorAll('button')].find((x) => x.textContent.includes('Settings')).click()"
 TRAIN = ["train", "--settings", "ppo", "--total-timesteps", "1500000", "--eval-freq", "150000"]
-EVALUATE = ["evaluate", "adrc-paper", "flatness", "ppo-gain-scheduling-0", "--scenarios", "calm", "windy", "gusts"]
+EVALUATE = ["evaluate", "adrc-paper", "flatness", "apg-0", "--scenarios", "calm", "windy", "gusts"]
 
 
 def take(browser: Browser, url: str, path: Path, size: tuple[int, int], ready: str, then: str = "0") -> None:

@@ -5,11 +5,10 @@ from pathlib import Path
 
 from docs.tools.declarations import meanings
 from docs.tools.ranges import limits
-from experiments.pages import fill
+from experiments.pages import POLICIES, fill
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.settings import declared
-from quadpend_train.policies.loading import shipped_policies
-from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.training import settings as module
 from quadpend_train.training.settings import PRESETS, ApgSettings, HybridSettings, TrainSettings
 
@@ -46,11 +45,11 @@ def presets_table() -> str:
 
 
 def _duration(preset: str) -> str:
-    """Return the range of the training times of the shipped policies of a preset, if there are any."""
-    names = shipped_policies().get(preset)
-    if not names:
+    """Return the range of the training times of the policies of a preset, if there are any."""
+    files = [path for folder in (SHIPPED, POLICIES) for path in folder.glob(f"{preset}-[0-9].npz")]
+    if not files:
         return "–"
-    seconds = sorted(float(MlpPolicy.load(name).card["seconds"]) for name in names)
+    seconds = sorted(float(MlpPolicy.load(path).card["seconds"]) for path in files)
     return "–".join(dict.fromkeys(f"{value:.0f}" for value in (seconds[0], seconds[-1]))) + " s"
 
 

@@ -15,7 +15,7 @@ from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
 from quadpend_train.evaluation.table import rows
-from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 
 _ERROR_X = OBSERVATION_FIELDS["tracking_error"].start
 
@@ -91,7 +91,6 @@ def synthetic_comparison(duration: float = 10.0, **policies: list[EpisodeResults
 
 ESTIMATE_ONLY = {"kind": "estimate_only", "base_controller": "flatness"}
 RESIDUAL_ACTION = {"kind": "residual_action", "base_controller": "flatness", "action_scale": 1.0}
-BANDWIDTH_SCHEDULING = {"kind": "bandwidth_scheduling", "base_controller": "flatness", "action_scale": 1.0}
 
 
 def layers(*sizes: int, seed: int = 0, scale: float = 0.1) -> list[tuple[Floats32, Floats32]]:
@@ -106,7 +105,7 @@ def layers(*sizes: int, seed: int = 0, scale: float = 0.1) -> list[tuple[Floats3
 
 def card(**fields: Any) -> dict[str, Any]:
     """The card of a policy that receives the present observation alone, with `fields` on top."""
-    return {"format": FORMAT, "activation": "relu", "squashed": False, **PLAIN_INTERFACE, **fields}
+    return {"format": FORMAT, "activation": "relu", "squashed": False, "hybrid": None, **fields}
 
 
 def mlp_policy(inputs: int, seed: int = 0, **fields: Any) -> MlpPolicy:

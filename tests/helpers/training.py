@@ -1,6 +1,5 @@
 """Brief training runs and their results."""
 
-import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,6 @@ from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training import callbacks
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import load_model
-from quadpend_train.training.callbacks import Score
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import TrainSettings
 
@@ -50,14 +48,6 @@ def model_of(folder: Path, settings: TrainSettings) -> Any:
     if settings.algo == "apg":
         return load_model(settings, make_env(settings), folder / "model.zip")
     return algorithm_class(settings.algo).load(folder / "model.zip", device="cpu")
-
-
-def read_curve(folder: Path) -> list[Score]:
-    """Return the scores of all evaluations of a run so far."""
-    if not (path := folder / "curve.csv").is_file():
-        return []
-    _, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
-    return [Score(int(steps), *map(float, numbers)) for steps, *numbers in rows]
 
 
 def trained_arrays(model: Any) -> list[Any]:

@@ -36,6 +36,8 @@ BRIEF = {
     r"duration=4\.0": "duration=0.5",
     r"range\(200\)": "range(20)",
     r"video_length=200": "video_length=20",
+    r'"max_seconds": 20.0': '"max_seconds": 0.01, "n_eval_episodes": 1',
+    r"n_trials=16": "n_trials=1",
 }
 
 
@@ -55,6 +57,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.syspath_prepend(tmp_path)
     shorten_scenarios(monkeypatch, 1.0)
     shutil.copytree(ROOT / "docs/examples", tmp_path, dirs_exist_ok=True)
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
     for page in PAGES:
         for text, name in re.findall(r"```toml\n(# (\w+\.toml).*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
             (tmp_path / name).write_text(text, encoding="utf-8")

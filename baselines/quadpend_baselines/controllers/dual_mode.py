@@ -67,7 +67,7 @@ def dual_mode(
     rigid: RigidSettings | None,
 ) -> Four:
     """Return thrust (N) and torques (N·m) of equation (1); `gain` is K, shape (4, 16), and `cost` P, shape (16, 16)."""
-    far = flatness(s, disturbance, reference, Four(1.0, 1.0, 1.0, 1.0), gains.far, model, rigid)
+    far = flatness(s, disturbance, reference, gains.far, model, rigid)
     error, command = deviation(s, disturbance, reference, model, rigid)
     x = model_state(error, 0.0, 1.0)
     correction = feedback(x, gain, 0)

@@ -67,13 +67,12 @@ from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
-from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, load_four, scale, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, scale, store_four
 from quadpend_gym.vehicles import Parameters
 
 _MIN_THRUST = 0.2  # share of the weight: without thrust, the torques have no effect on the pendulum
 _MIN_AXIS_HEIGHT = 0.1  # lower bound of b_z: 84° of tilt; the default limit of an episode is 80°
 _MIN_THRUST_EFFECT = 0.1  # lower bound of the factor of u in the equation of the height
-_NOMINAL_SCALE: Floats = np.ones((1, 4))
 
 
 unpack_gains = unpacker(FlatnessGains)
@@ -84,21 +83,16 @@ def flatness(
     s: VehicleState,
     disturbance: Forces,
     reference: Derivatives,
-    bandwidth_scale: Four,
     gains: FlatnessGains,
     model: Pendulum,
     rigid: RigidSettings | None,
 ) -> Four:
-    """Return thrust (N) and torques (N·m) of equations (1)–(7).
-
-    `bandwidth_scale` are factors on the bandwidths of position, pendulum, attitude, and of height and yaw together.
-    """
+    """Return thrust (N) and torques (N·m) of equations (1)–(7)."""
     p, d, r, r_dot = model.physics, equivalent_forces(disturbance, model), s.direction, s.direction_rate
     path = flat_trajectory(equivalent_reference(reference, model), d, p)
     t0, t1, _ = coefficients(tangent_from_attitude(s.euler, s.euler_rate))
     axis_height = max(sincos(s.euler.x)[1] * sincos(s.euler.y)[1], _MIN_AXIS_HEIGHT)
-    vertical_bandwidth = gains.vertical_bandwidth * bandwidth_scale.d
-    demanded = reference.d2.z - _feedback(s.velocity.z, s.position.z, gains.damping, vertical_bandwidth)
+    demanded = reference.d2.z - _feedback(s.velocity.z, s.position.z, gains.damping, gains.vertical_bandwidth)
     thrust = _thrust(s, d, demanded, Vec3(t0.x * axis_height, t0.y * axis_height, axis_height), p)
     pole = divide(r, r.z)
     pole_rate = divide(axpy(-r_dot.z, pole, r_dot), r.z)
@@ -124,12 +118,10 @@ def flatness(
     mode = divide(axpy(1.0 / np.sqrt(abs(stiffness)), e3, e2), gravity)
     share = 1.0 / (1.0 + (mode.x * mode.x + mode.y * mode.y) / (gains.near * gains.near))
     far, near = gains.far_pendulum_bandwidth, gains.pendulum_bandwidth
-    pendulum_bandwidth = bandwidth_scale.b * (far + (near - far) * share)
+    pendulum_bandwidth = far + (near - far) * share
     far, near = gains.far_attitude_bandwidth, gains.attitude_bandwidth
-    attitude_bandwidth = bandwidth_scale.c * (far + (near - far) * share)
-    k = _coefficients(
-        gains.position_bandwidth * bandwidth_scale.a, pendulum_bandwidth, attitude_bandwidth, gains.damping
-    )
+    attitude_bandwidth = far + (near - far) * share
+    k = _coefficients(gains.position_bandwidth, pendulum_bandwidth, attitude_bandwidth, gains.damping)
     # (2) and (3): the acceleration and the tilt of the thrust that the errors demand, limited
     velocity = limit_length(scale(k[0] / k[1], e0), gains.velocity)
     wanted = limit_length(scale(k[1] / k[2], add(e1, velocity)), gains.acceleration)
@@ -144,7 +136,7 @@ def flatness(
 
     yaw = reference.yaw
     yaw_error, yaw_rate = s.euler.z - yaw.x, s.euler_rate.z - yaw.y
-    yaw_acceleration = yaw.z - _feedback(yaw_rate, yaw_error, gains.damping, vertical_bandwidth)
+    yaw_acceleration = yaw.z - _feedback(yaw_rate, yaw_error, gains.damping, gains.vertical_bandwidth)
     turning = euler_accelerations(t0, t1, t2, Vec3(s.euler.z, s.euler_rate.z, yaw_acceleration))
     command = Four(
         thrust,
@@ -187,13 +179,12 @@ def _coefficients(a: float, b: float, c: float, damping: float) -> tuple[float, 
 
 
 @compiled
-def _commands(estimate: Floats, scales: Floats, packed: Any, packed_rigid: Floats | None, out: Floats) -> None:
+def _commands(estimate: Floats, packed: Any, packed_rigid: Floats | None, out: Floats) -> None:
     numbers, pendulum = unpack_gains(packed[0]), unpack_pendulum(packed[1])
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
         state, forces, wanted = law_inputs(estimate, row)
-        bandwidth_scale = load_four(scales.T, 0, min(row, scales.shape[0] - 1))
-        store_four(out.T, 0, row, flatness(state, forces, wanted, bandwidth_scale, numbers, pendulum, rigid))
+        store_four(out.T, 0, row, flatness(state, forces, wanted, numbers, pendulum, rigid))
 
 
 @dataclass(frozen=True)
@@ -212,13 +203,8 @@ class Flatness:
         """Return an empty tuple: this law has no memory."""
         return ()
 
-    def command(
-        self, estimate: Estimate, memory: tuple[()], bandwidth_scale: Floats = _NOMINAL_SCALE
-    ) -> tuple[Floats, tuple[()]]:
-        """Return the command of equations (1)–(7); see `output_feedback.ControlLaw`.
-
-        `bandwidth_scale` are the factors of `flatness`, shape (n, 4) or (1, 4).
-        """
+    def command(self, estimate: Estimate, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
+        """Return the command of equations (1)–(7); see `output_feedback.ControlLaw`."""
         out = np.empty((len(estimate.array), 4))
-        _commands(estimate.array, bandwidth_scale, *self._numbers, out)
+        _commands(estimate.array, *self._numbers, out)
         return out, memory

@@ -53,7 +53,7 @@ from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE, ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, axpy, multiply, store, store_four
+from quadpend_gym.physics.vectors import Vec3, axpy, multiply, store, store_four
 
 _LEAST = 1e-6  # m, the tracking error that counts as much as any state of 1
 unpack_gains = unpacker(LqgGains)
@@ -83,8 +83,7 @@ def _deviations(estimate: Floats, packed: Any, packed_rigid: Floats | None, outs
     far, command, desired, x, share = outs
     for row in range(far.shape[0]):
         state, forces, reference = law_inputs(estimate, row)
-        scale = Four(1.0, 1.0, 1.0, 1.0)
-        store_four(far.T, 0, row, flatness(state, forces, reference, scale, gains.far, pendulum, rigid))
+        store_four(far.T, 0, row, flatness(state, forces, reference, gains.far, pendulum, rigid))
         error, wanted = deviation(state, calm(), reference, pendulum, rigid)
         store_four(command.T, 0, row, wanted)
         deviations = model_state(error, 0.0, 1.0)

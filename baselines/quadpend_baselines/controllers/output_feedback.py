@@ -43,9 +43,6 @@ class OutputFeedback(Controller):
     Args:
         make_law: Returns the control law from its gains and the nominal simulation.
         gains, simulation, loop: As of `Controller`; the field `estimator` of the gains holds those of the estimator.
-
-    Attributes:
-        has_bandwidth_scale: Whether the `command` method of the control law takes a `bandwidth_scale`.
     """
 
     def __init__(
@@ -59,7 +56,6 @@ class OutputFeedback(Controller):
         self.make_law, self._law = make_law, make_law(self.gains, self.simulation)
         self.has_linear_model = not isinstance(self._law, Nmpc)
         self.estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
-        self.has_bandwidth_scale = isinstance(self._law, Flatness)
         self.flies_load = isinstance(self._law, Flatness | Lqr | DualMode)  # those that were tested with a load
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "OutputFeedback":
@@ -87,12 +83,12 @@ class OutputFeedback(Controller):
             law_memory, action = select_rows(started, initial, (law_memory, action))
         return OutputFeedbackMemory(estimate, law_memory, action)
 
-    def control(self, estimation: OutputFeedbackMemory, **options: Any) -> tuple[Floats32, OutputFeedbackMemory]:
-        """Return the actions of n rows, shape (n, 4), and the memory; `options` are passed on to the control law."""
+    def control(self, estimation: OutputFeedbackMemory) -> tuple[Floats32, OutputFeedbackMemory]:
+        """Return the actions of n rows, shape (n, 4), and the memory."""
         prediction = self.estimator.prediction
         estimate = prediction.carry_forward(estimation.estimate, estimation.action)
         nominal = self._nominal(estimate)
-        command, law_memory = self._law.command(nominal, estimation.law_memory, **options)
+        command, law_memory = self._law.command(nominal, estimation.law_memory)
         mass_ratio = estimate.mass_ratio[:, 0]
         if isinstance(self._law, Lqg | Nmpc):  # their commands are actions, of which a zero thrust is that of hover
             command[:, THRUST] = mass_ratio * (1.0 + command[:, THRUST]) - 1.0

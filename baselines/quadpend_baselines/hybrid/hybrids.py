@@ -4,19 +4,11 @@ At every control step a hybrid first computes the policy's observation (`Hybrid.
 that is applied to the environment from the policy's action (`Hybrid.act`). The classes use the policy's action
 a ∈ [−1, 1]⁴ in different ways, with the action scale κ:
 
-| class                 | applied action                                                                              |
-|-----------------------|---------------------------------------------------------------------------------------------|
-| `EstimateOnly`        | (1)  a                                                                                      |
-| `MemoryOnly`          | (1)  a; the base controller does not fly: it is the teacher                                 |
-| `ResidualAction`      | (2)  clip(a_base + κ a, −1, 1)                                                              |
-| `BandwidthScheduling` | (3)  the base controller's action, with its four bandwidths multiplied by (1 + κ)^a         |
-
-With a fallback gain γ > 0, (2) and (3) use c a in place of a. The weight c decreases with the torque that the base
-controller's observer estimates, and with the tilt of the pendulum. The torque indicates delayed or slow actuators: the
-observer attributes their effect to a torque, and the wind models exert almost none. The anomaly score q decays with a
-time constant of 1 s; the policy does not observe it. In control step k of the period T
-
-    (4)  c_k = 1/(1 + γ² q_k²),    q_k = max(|τ̂_k|/(0.5 N·m), |r_xy|/0.2, 0.99^(T/10 ms) q_{k−1}).
+| class            | applied action                                                                                   |
+|------------------|--------------------------------------------------------------------------------------------------|
+| `EstimateOnly`   | (1)  a                                                                                           |
+| `MemoryOnly`     | (1)  a; the base controller does not fly: it is the teacher                                      |
+| `ResidualAction` | (2)  clip(a_base + κ a, −1, 1)                                                                   |
 
 The policy's observation contains, in this order,
 
@@ -31,8 +23,8 @@ The policy's observation contains, in this order,
 With ``EstimateOnly(deviations=True)`` the inputs of `deviations` take the place of the first two parts. `MemoryOnly`
 has the inputs of `memory` alone.
 
-`ResidualAction` and `BandwidthScheduling` multiply the part of the observation that depends on the state, and the base
-controller's action, by ten, because the base controller keeps these values small.
+`ResidualAction` multiplies the part of the observation that depends on the state, and the base controller's action, by
+ten, because the base controller keeps these values small.
 """
 
 from collections.abc import Mapping
@@ -58,21 +50,18 @@ from quadpend_baselines.hybrid.memory import MEMORY_SIZE, memory_inputs, memory_
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_baselines.registry import controller
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.settings import Range, parse, settings
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, Disturbance
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
     OUTPUT_FEEDBACK_COLUMNS,
     REFERENCE_START,
-    read_observation,
 )
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
 ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
-FallbackGain = Annotated[float, Range(0.0, 10.0)]  # γ of equation (4); 0 disables the fallback
 _MAGNIFICATION = np.float32(10.0)  # factor on small deviations in the policy's observation
-_TORQUE, _TILT, _DECAY = 0.5, 0.2, 0.99  # of equation (4): N·m, 1, per 10 ms
 
 
 class HybridMemory(NamedTuple):
@@ -80,7 +69,6 @@ class HybridMemory(NamedTuple):
 
     controller: Any  # memory of the base controller
     base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
-    anomaly_score: Floats  # q of equation (4), (n,); zeros with a policy that acts alone
     situation: Any = ()  # `Situation`; empty for hybrids that do not observe it
     filtered: Any = ()  # f of `innovations` or `memory`; empty for hybrids that do not observe it
     action: Any = ()  # the last applied action, for `memory`
@@ -131,8 +119,7 @@ class Hybrid:
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the action that the base controller would apply, shape (n, 4), and the memory after that, for `act`.
 
-        `BandwidthScheduling` returns zeros, because its base controller acts only after the policy. In other hybrids,
-        base controllers with an integral or a plan expect this call in every step.
+        Base controllers with an integral or a plan expect this call in every step.
 
         `memory` is that which the last call of `observe` returned.
         """
@@ -212,7 +199,7 @@ class EstimateOnly(Hybrid):
             observed.append(innovation_inputs(updated.estimate, last, filter_shares(base.simulation.period, TIMES)))
             filtered = observed[-1][:, -FILTERED_SIZE:]
         seen = np.concatenate(observed, axis=1, dtype=np.float32)
-        return seen, HybridMemory(updated, action, np.zeros(rows), situation, filtered)
+        return seen, HybridMemory(updated, action, situation, filtered)
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action, which only imitation needs; see `Hybrid.base_action`."""
@@ -268,7 +255,7 @@ class MemoryOnly(Hybrid):
         measured = observation[:, OUTPUT_FEEDBACK_COLUMNS] if observation.shape[1] == OBSERVATION_SIZE else observation
         given = measured.astype(np.float64), action.astype(np.float64), filtered, started
         seen, filtered = memory_inputs(*given, memory_numbers(self.period))
-        return seen.astype(np.float32), HybridMemory(teacher, base_action, np.zeros(rows), (), filtered, action)
+        return seen.astype(np.float32), HybridMemory(teacher, base_action, (), filtered, action)
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the teacher's action; see `Hybrid.base_action`."""
@@ -282,34 +269,8 @@ class MemoryOnly(Hybrid):
         return applied, after._replace(action=action)
 
 
-class _Correction(Hybrid):
-    """What the hybrids that correct the base controller share."""
-
-    fallback_gain: float
-
-    def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
-        """Return the policy's observation and the memory; see `Hybrid.observe`."""
-        base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
-        estimates_state = isinstance(base, OutputFeedback)
-        estimated = base.estimated_observation(updated) if estimates_state else observation.copy()
-        disturbance = base.estimated_disturbance(updated)
-        tilt = np.linalg.norm(read_observation(estimated, "direction")[:, :2], axis=1) / _TILT
-        score = np.maximum(np.linalg.norm(Disturbance(disturbance).torque, axis=1) / _TORQUE, tilt)
-        if memory is not None:
-            decayed = _DECAY ** (base.simulation.period / CONTROL_PERIOD) * memory.anomaly_score
-            score = np.where(episode_start, score, np.maximum(score, decayed))
-        estimated[:, : REFERENCE_START - OBSERVATION_SIZE] *= _MAGNIFICATION
-        seen = np.concatenate([estimated, disturbance], axis=1, dtype=np.float32)
-        return seen, HybridMemory(updated, action, score)
-
-    def _weighed(self, action: Floats32, memory: HybridMemory) -> Floats32:
-        """Return c a of equation (4), shape (n, 4)."""
-        weight = 1.0 / (1.0 + (self.fallback_gain * memory.anomaly_score) ** 2)
-        return np.asarray((weight[:, np.newaxis] * action).astype(np.float32))
-
-
 @settings
-class ResidualAction(_Correction):
+class ResidualAction(Hybrid):
     """Hybrid whose policy corrects the base controller's action, equation (2) (residual policy learning).
 
     The policy observes the base controller's estimates and its action. With a = 0 the base controller acts alone.
@@ -319,7 +280,6 @@ class ResidualAction(_Correction):
     _base_acts_first: ClassVar[bool] = True
     base_controller: Any = "flatness"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
     action_scale: ActionScale = 0.3
-    fallback_gain: FallbackGain = 0.0
 
     def observation_size(self, size: int) -> int:
         """Return the size of the policy's observation; see `Hybrid.observation_size`."""
@@ -327,39 +287,15 @@ class ResidualAction(_Correction):
 
     def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
-        seen, now = super().observe(observation, memory, episode_start)
-        return np.concatenate([seen, _MAGNIFICATION * now.base_action], axis=1), now
+        base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
+        known = base.estimated_observation(updated) if isinstance(base, OutputFeedback) else observation.copy()
+        known[:, : REFERENCE_START - OBSERVATION_SIZE] *= _MAGNIFICATION
+        parts = [known, base.estimated_disturbance(updated), _MAGNIFICATION * action]
+        return np.concatenate(parts, axis=1, dtype=np.float32), HybridMemory(updated, action)
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the corrected action and the memory; see `Hybrid.act`."""
-        residual = np.float32(self.action_scale) * self._weighed(action, memory)
-        return self._applied(np.clip(memory.base_action + residual, -1.0, 1.0), memory)
-
-
-@settings
-class BandwidthScheduling(_Correction):
-    """Hybrid whose policy scales bandwidths, equation (3) (gain scheduling).
-
-    The four components of the policy's action belong to the bandwidths of position, pendulum, attitude, and of height
-    and yaw together. A component a multiplies its bandwidth by (1 + κ)^a. With a = 0 the base controller keeps its
-    nominal gains. It computes its action in `act`, with the scaled bandwidths; until then `base_action` is zero.
-    """
-
-    kind: ClassVar[str] = "bandwidth_scheduling"
-    base_controller: Any = "flatness"  # or a flatness-based controller with other gains
-    action_scale: ActionScale = 1.0
-    fallback_gain: FallbackGain = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not isinstance(self.controller, OutputFeedback) or not self.controller.has_bandwidth_scale:
-            raise ValueError(f"only the flatness-based controller has bandwidths to scale, not {self.base_controller}")
-
-    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
-        """Return the base controller's action with scaled bandwidths and the memory; see `Hybrid.act`."""
-        scales = (1.0 + self.action_scale) ** self._weighed(action, memory).astype(np.float64)
-        applied, updated = self.controller.control(memory.controller, bandwidth_scale=scales)
-        return applied, HybridMemory(updated, applied, memory.anomaly_score)
+        return self._applied(np.clip(memory.base_action + np.float32(self.action_scale) * action, -1.0, 1.0), memory)
 
 
 def _late_action(base: Any, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
@@ -370,9 +306,7 @@ def _late_action(base: Any, memory: HybridMemory) -> tuple[Floats32, HybridMemor
     return action, memory._replace(controller=updated)
 
 
-HYBRIDS: dict[str, type[Hybrid]] = {
-    kind.kind: kind for kind in (EstimateOnly, MemoryOnly, ResidualAction, BandwidthScheduling)
-}
+HYBRIDS: dict[str, type[Hybrid]] = {kind.kind: kind for kind in (EstimateOnly, MemoryOnly, ResidualAction)}
 
 
 def hybrid_from_data(data: Any) -> Hybrid:
@@ -383,4 +317,5 @@ def hybrid_from_data(data: Any) -> Hybrid:
             f"a hybrid must be a mapping with a kind, one of {', '.join(HYBRIDS)}, and the name of a base_controller,"
             f" not {data!r}"
         )
-    return parse(kind, {name: value for name, value in data.items() if name != "kind"}, "hybrid")
+    gone = {"kind": data["kind"], "fallback_gain": 0.0}  # the latter in files of version 0.3
+    return parse(kind, {name: value for name, value in data.items() if gone.get(name) != value}, "hybrid")

@@ -64,7 +64,7 @@ class VectorHybridWrapper(VectorWrapper):
 
     @property
     def base_action(self) -> Floats32:
-        """Actions that the base controller would apply now, shape (num_envs, 4); zeros with `BandwidthScheduling`."""
+        """Actions that the base controller would apply now, shape (num_envs, 4)."""
         if self.memory is None:
             raise ResetNeeded("reset must be called before base_action")
         if self._asked is None:

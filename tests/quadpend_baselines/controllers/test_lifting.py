@@ -18,7 +18,7 @@ from quadpend_baselines.modelling.quantities import Derivatives, Forces, Vehicle
 from quadpend_gym import Simulation
 from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import State
-from quadpend_gym.physics.vectors import Four, Vec3
+from quadpend_gym.physics.vectors import Vec3
 from tests.helpers.controllers import true_estimate
 
 pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
@@ -48,7 +48,7 @@ def test_a_law_in_casadi_is_the_compiled_one(law: str, name: str) -> None:
     controller: Any = {"flatness": Flatness, "lqi": Lqr, "dual-mode": DualMode}[law](gains, simulation)
     packed, _ = controller._numbers
     if law == "flatness":
-        command = lift(flatness)(*inputs, Four(1.0, 1.0, 1.0, 1.0), unpack_gains(packed[0]), model, rigid)
+        command = lift(flatness)(*inputs, unpack_gains(packed[0]), model, rigid)
     elif law == "lqi":
         integral = Vec3(*ca.vertsplit(memory))
         command, _ = lift(lqr)(inputs[0], inputs[2], integral, packed[0], unpack_lqr(packed[1]), model, rigid)

@@ -1,6 +1,5 @@
 """Hybrids: the policy's observation, the applied action, and what the base controller's observer receives."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,13 +8,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.adrc import COMMAND
-from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import (
     HYBRIDS,
-    BandwidthScheduling,
     EstimateOnly,
     ResidualAction,
     hybrid_from_data,
@@ -50,16 +46,13 @@ def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(n
         EstimateOnly: [state, disturbance],
         ResidualAction: [near * state, disturbance, 10.0 * action],
     }
-    if name == "flatness":
-        expected[BandwidthScheduling] = [near * state, disturbance]
     for kind, parts in expected.items():
         hybrid = kind(policy)
         seen, memory = hybrid.observe(observation, None, np.ones(5, np.bool_))
         assert seen.dtype == np.float32
         assert seen.shape == (5, hybrid.observation_size(observation.shape[1]))
         assert_allclose(seen, np.concatenate(parts, axis=1), rtol=1e-6, atol=1e-7)
-        if kind is not BandwidthScheduling:
-            assert_array_equal(hybrid.base_action(memory)[0], action)
+        assert_array_equal(hybrid.base_action(memory)[0], action)
 
 
 def test_policy_that_acts_alone_observes_the_state_in_which_its_action_acts() -> None:
@@ -117,31 +110,6 @@ def test_observer_receives_the_applied_action(name: str) -> None:
     assert_allclose(policy.estimated_disturbance(memory.controller), info["disturbance"], atol=0.005)
 
 
-@pytest.mark.parametrize(
-    ("number", "names"),
-    [
-        (0, ["position_bandwidth"]),
-        (1, ["pendulum_bandwidth", "far_pendulum_bandwidth"]),
-        (2, ["attitude_bandwidth", "far_attitude_bandwidth"]),
-        (3, ["vertical_bandwidth"]),
-    ],
-)
-def test_component_of_the_action_scales_its_bandwidth(number: int, names: list[str]) -> None:
-    """By (1 + κ)^a: the controller acts as with gains that are scaled by hand, and not as with the nominal ones."""
-    gains: Any = GAINS["flatness"]
-    scaled = replace(gains, **{name: np.sqrt(1.5) * getattr(gains, name) for name in names})
-    policies = [
-        HybridPolicy(BandwidthScheduling("flatness", 0.5), constant(*(0.5 * np.eye(4)[number]))),
-        OutputFeedback(Flatness, scaled),
-        OutputFeedback(Flatness, gains),
-    ]
-    scheduled, by_hand, nominal = (
-        run_policy(policy, make_vec(3, wind="windy", **SAME_STEP), 30)[0] for policy in policies
-    )
-    assert_allclose(scheduled, by_hand, atol=1e-5)
-    assert np.abs(np.subtract(scheduled, nominal)).max() > 1e-3
-
-
 def test_rows_that_begin_an_episode_start_fresh_and_the_others_continue() -> None:
     hybrid = ResidualAction("flatness", 1.0)
     observation, _ = make_vec(4, wind="windy").reset(seed=0)
@@ -158,8 +126,7 @@ def test_rows_that_begin_an_episode_start_fresh_and_the_others_continue() -> Non
 
 EXAMPLES = [
     {"kind": "estimate_only", "base_controller": "lqi", "situation": False},
-    {"kind": "residual_action", "base_controller": "flatness", "action_scale": 0.3, "fallback_gain": 0.0},
-    {"kind": "bandwidth_scheduling", "base_controller": "flatness", "action_scale": 1.0, "fallback_gain": 3.0},
+    {"kind": "residual_action", "base_controller": "flatness", "action_scale": 0.3},
 ]
 
 
@@ -172,13 +139,17 @@ def test_hybrid_survives_plain_data_and_a_new_design_of_its_base_controller(data
     assert (hybrid.controller.simulation, other.controller.simulation) == (Simulation(), slow)
 
 
+def test_a_residual_of_version_0_3_without_fallback_is_read() -> None:
+    assert hybrid_from_data({**EXAMPLES[1], "fallback_gain": 0.0}) == hybrid_from_data(EXAMPLES[1])
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: EstimateOnly(object()), "a controller that estimates the disturbance, not <object"),
         (lambda: EstimateOnly("nix"), "no controller 'nix'"),
         (lambda: EstimateOnly("adrc-matched", True), "a Kalman observer, not 'adrc-matched'"),
-        (lambda: BandwidthScheduling("lqr"), "only the flatness-based .* has bandwidths"),
+        (lambda: hybrid_from_data({**EXAMPLES[1], "fallback_gain": 3.0}), "has no field 'fallback_gain'"),
         (lambda: hybrid_from_data("flatness"), "must be a mapping with a kind, .* not 'flatness'"),
         (lambda: hybrid_from_data({**EXAMPLES[1], "gain": 1.0}), "has no field 'gain'.*its fields are base_controller"),
     ],

@@ -11,7 +11,6 @@ from numpy.testing import assert_array_equal
 
 from quadpend_baselines import controller
 from quadpend_baselines.hybrid import (
-    BandwidthScheduling,
     EstimateOnly,
     ResidualAction,
     VectorHybridWrapper,
@@ -31,7 +30,7 @@ from tests.helpers.wrappers import (
     make_wrapped_vec,
 )
 
-KINDS = [EstimateOnly("adrc-matched"), ResidualAction("flatness", 0.3), BandwidthScheduling("flatness", 1.0)]
+KINDS = [EstimateOnly("adrc-matched"), ResidualAction("flatness", 0.3)]
 hybrids = pytest.mark.parametrize("hybrid", KINDS, ids=lambda hybrid: hybrid.kind)
 LAYERS = [WIND, SENSORS, OUTPUTS]
 
@@ -91,11 +90,10 @@ def test_a_base_controller_with_a_name_is_designed_for_the_environment_and_an_ob
 
 @pytest.mark.parametrize("hybrid", [*KINDS, EstimateOnly("flatness"), ResidualAction("lqi", 0.3)])
 def test_base_action_is_what_the_base_controller_would_apply(hybrid: Any) -> None:
-    """Zero for bandwidth scheduling, which asks the base controller only after the policy."""
     env = VectorHybridWrapper(make_vec(3, wind="windy"), hybrid)
     observation, _ = env.reset(seed=0)
     expected, _ = controller(hybrid.base_controller).predict(make_vec(3, wind="windy").reset(seed=0)[0])
-    assert_array_equal(env.base_action, 0.0 * expected if hybrid.kind == "bandwidth_scheduling" else expected)
+    assert_array_equal(env.base_action, expected)
     if hybrid.kind == "residual_action":
         assert_array_equal(observation[:, -4:], 10.0 * env.base_action)
 
@@ -114,4 +112,4 @@ def test_actions_that_the_environment_would_refuse_change_nothing() -> None:
 
 def test_environments_with_other_observations_are_refused() -> None:
     message = "observations of 36 or 27 numbers, not of .*116.*: put its wrapper inside"
-    assert_refused(lambda: VectorHybridWrapper(make_wrapped_vec(2, [HISTORY]), KINDS[2]), message, ValueError)
+    assert_refused(lambda: VectorHybridWrapper(make_wrapped_vec(2, [HISTORY]), KINDS[1]), message, ValueError)

@@ -71,7 +71,7 @@ def test_the_overview_imports_no_library() -> None:
     [
         (["evalute"], "there is no command 'evalute' (did you mean 'evaluate'?); the commands are list, train"),
         (["evaluate", "--scenarios", '{"wind": "strom"}'], "there is no wind 'strom' (did you mean 'storm'?)"),
-        (["card", "ppo-gain-scheduling"], "has several training seeds: choose one of ppo-gain-scheduling-0, ppo"),
+        (["card", "ppo-alone"], "there is no policy 'ppo-alone' (did you mean 'ppo-alone-0'?)"),
     ],
     ids=lambda item: " ".join(item) if isinstance(item, list) else "",
 )
@@ -129,13 +129,13 @@ def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_card_describes_a_learned_policy(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["card", "ppo-gain-scheduling-0"])
+    main(["card", "ppo-alone-0"])
     text = re.sub(r"\s+", " ", capsys.readouterr().out)
-    for part in ("hybrid: kind=bandwidth_scheduling", "45 → 64 → 64 → 4, relu", "every 10 control", "ppo.gamma=0.92"):
+    for part in ("hybrid: kind=estimate_only", "45 → 64 → 64 → 4, relu", "ppo.gamma=0.98"):
         assert part in text
     assert "n_eval_episodes" not in text  # this setting has its default value
-    main(["card", "ppo-gain-scheduling-0", "--json"])
-    assert json.loads(capsys.readouterr().out) == MlpPolicy.load("ppo-gain-scheduling-0").card
+    main(["card", "ppo-alone-0", "--json"])
+    assert json.loads(capsys.readouterr().out) == MlpPolicy.load("ppo-alone-0").card
 
 
 def test_a_run_is_trained_resumed_and_compared_by_the_commands_that_are_printed(

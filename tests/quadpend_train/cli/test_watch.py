@@ -29,7 +29,7 @@ WINDY = '{"wind": "windy", "duration": 2.5}'
 CALM = '{"duration": 2.0}'
 
 
-@pytest.mark.parametrize("name", ["adrc-paper", "flatness", "ppo-gain-scheduling-0"])
+@pytest.mark.parametrize("name", ["adrc-paper", "flatness", "ppo-alone-0"])
 @pytest.mark.parametrize("scenario", ["windy", "output_feedback", "lagged"])
 def test_a_recording_agrees_with_the_evaluated_episode(name: str, scenario: str) -> None:
     brief = short(scenario, 2.5)
@@ -42,7 +42,7 @@ def test_a_recording_agrees_with_the_evaluated_episode(name: str, scenario: str)
     assert_allclose([snapshot.time for snapshot in recorded.snapshots], CONTROL_PERIOD * np.arange(1, steps + 1))
 
 
-@pytest.mark.parametrize("name", ["adrc-matched", "flatness", "ppo-gain-scheduling-0"])
+@pytest.mark.parametrize("name", ["adrc-matched", "flatness", "ppo-alone-0"])
 def test_a_recording_contains_the_policys_estimate_of_the_wind(name: str) -> None:
     """At hover, where ADRC's conversion of its estimates to a force is valid."""
     wind = {"kind": "constant", "force": [0.3, -0.2, 0.1]}

@@ -105,7 +105,6 @@ def test_a_compiled_policy_flies_like_the_python_one(exported: Path) -> None:
     ("name", "parts", "message"),
     [
         ("ppo-swing-up-0", {}, "only policies that balance an upright"),
-        ("ppo-load-0", {}, "only policies that balance an upright"),
         ("nmpc", {}, "nmpc cannot be written as C"),
         ("lqg", {"interface": "rotors", "actuators": ()}, "another --scenario without rotors"),
         ("lqg", {"sensors": {"kind": "delay"}}, "predict no delay of sensors"),

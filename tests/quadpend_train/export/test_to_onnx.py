@@ -9,7 +9,7 @@ import pytest
 from quadpend_train.export.to_onnx import export_onnx
 from quadpend_train.policies.conversion import FunctionPolicy
 from quadpend_train.policies.loading import load_policy
-from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 
 
 def network() -> MlpPolicy:
@@ -21,7 +21,7 @@ def network() -> MlpPolicy:
     ]
     normalization = {"mean": [0.1] * 36, "std": [2.0] * 36, "clip": 0.5}
     card = {"activation": "elu", "squashed": True, "bound": 2.0, "input_scales": [8.0, 64.0]}
-    return MlpPolicy(layers, {"format": FORMAT, **PLAIN_INTERFACE, **card, "normalization": normalization})
+    return MlpPolicy(layers, {"format": FORMAT, "hybrid": None, **card, "normalization": normalization})
 
 
 @pytest.mark.parametrize("name", ["ppo-swing-up-0", ""])

@@ -24,7 +24,7 @@ from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.conversion import FunctionPolicy, as_policy
 from quadpend_train.policies.export import export, export_zip, read_layers
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
-from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 from quadpend_train.policies.normalization import statistics_files
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, linear_layers, read_zip
 from tests.helpers.bad_input import assert_refused
@@ -326,7 +326,7 @@ def test_sequence_of_layers_becomes_an_mlp_policy(squash: Any) -> None:
         module[3].weight *= 10.0
         expected = module(torch.as_tensor(OBSERVATIONS)).clamp(-1.0, 1.0).numpy()
     found, fields = read_layers([module])
-    assert_acts_like(MlpPolicy(found, {"format": FORMAT, **fields, **PLAIN_INTERFACE}), expected)
+    assert_acts_like(MlpPolicy(found, {"format": FORMAT, **fields, "hybrid": None}), expected)
     assert_acts_like(FunctionPolicy(lambda rows: module(torch.as_tensor(rows)).detach()), expected)
     assert_refused(lambda: read_layers([nn.LSTM(36, 4)]), "must have linear layers", ValueError)
 

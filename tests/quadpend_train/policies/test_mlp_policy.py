@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_baselines.hybrid import ResidualAction, VectorHybridWrapper
-from quadpend_gym.core.arrays import Floats32
+from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.controllers import HybridPolicy, run_policy
+from tests.helpers.controllers import run_policy
 from tests.helpers.envs import assert_same, make_vec
-from tests.helpers.policies import BANDWIDTH_SCHEDULING, ESTIMATE_ONLY, RESIDUAL_ACTION, card, layers, mlp_policy
+from tests.helpers.policies import ESTIMATE_ONLY, RESIDUAL_ACTION, card, layers, mlp_policy
 from tests.helpers.sources import HEAVY, ROOT
 from tests.helpers.wrappers import SHORT
 
@@ -57,7 +56,6 @@ ADRC = {"base_controller": "adrc-matched"}
 INTERFACES: dict[str, tuple[int, dict[str, Any]]] = {
     "estimate": (45, {"hybrid": {**ESTIMATE_ONLY, **ADRC}}),
     "residual": (49, {"hybrid": {**RESIDUAL_ACTION, "action_scale": 0.3}}),
-    "scheduling, fallback": (45, {"hybrid": {**BANDWIDTH_SCHEDULING, "action_scale": 0.7, "fallback_gain": 2.0}}),
 }
 
 
@@ -82,24 +80,9 @@ def test_policy_in_the_plain_environment_equals_its_network_in_the_wrapped_one(
     assert (over.any(axis=1) & ~over.all(axis=1)).any()
 
 
-def test_action_repeat_uses_each_output_for_several_steps() -> None:
-    """The network decides at every third step of an episode, and the base controller acts at every step."""
-    policy = mlp_policy(49, hybrid=RESIDUAL_ACTION, action_repeat=3)
-    outputs: list[Any] = []
-
-    def agent(seen: Floats32) -> Floats32:
-        outputs.append(policy.forward(seen) if len(outputs) % 3 == 0 else outputs[-1])
-        return outputs[-1]
-
-    calm: dict[str, Any] = {"max_episode_steps": None, "autoreset_mode": "SameStep"}
-    expected, _ = run_policy(HybridPolicy(ResidualAction("flatness", 1.0), agent), make_vec(3, **calm), 20)
-    assert_array_equal(run_policy(policy, make_vec(3, **calm), 20)[0], expected)
-    memory, started = None, np.zeros(7, np.bool_)
-    for step in range(5):
-        started[2] = step == 4
-        before, (_, memory) = memory, policy.predict(OBSERVATIONS * (1.0 + step), memory, started)
-    assert_array_equal(memory.output[:2], before.output[:2])  # type: ignore[attr-defined]
-    assert (memory.output[2] != before.output[2]).any()  # type: ignore[attr-defined]
+def test_a_policy_that_repeats_its_actions_is_refused() -> None:
+    mlp_policy(36, action_repeat=1)
+    assert_refused(lambda: mlp_policy(36, action_repeat=3), "repeat their actions fly in version 0.3 only", ValueError)
 
 
 def test_rows_that_begin_an_episode_forget_the_previous_one() -> None:
@@ -126,7 +109,7 @@ def test_running_a_policy_imports_nothing_heavy(tmp_path: Path) -> None:
     assert not (HEAVY | {"sb3_contrib", "pandas", "tyro"}) & set(ran.stdout.split())
 
 
-@pytest.mark.parametrize(("inputs", "fields"), [(36, {}), (45, {"hybrid": BANDWIDTH_SCHEDULING})], ids=str)
+@pytest.mark.parametrize(("inputs", "fields"), [(36, {}), (49, {"hybrid": RESIDUAL_ACTION})], ids=str)
 def test_saved_policy_is_loaded_unchanged(inputs: int, fields: dict[str, Any], tmp_path: Path) -> None:
     policy = mlp_policy(inputs, **fields, note=[[0, 0.5, "ä"]], settings={"a": {"b": None}})
     policy.save(tmp_path / "policy.npz")

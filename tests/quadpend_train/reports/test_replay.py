@@ -63,7 +63,7 @@ def test_the_median_episode_comes_first_and_then_the_hardest() -> None:
 def test_the_first_training_seed_of_a_learner_is_shown_and_labelled() -> None:
     comparison = constructed({"a": [[0.1, 0.2, 0.3], [0.3, 0.9, 0.1]]})
     assert [episode for _, episode in choose_episodes(comparison, "s0", ["a"], 2)] == [1, 2]
-    comparison.learners["a"] = load_policies("ppo-gain-scheduling-1,ppo-gain-scheduling-0")
+    comparison.learners["a"] = load_policies("ppo-alone-0,apg-0")
     assert [policy["name"] for policy in replay_of(comparison, 1)["policies"]] == ["a, first seed"]
 
 

@@ -23,8 +23,8 @@ from tests.helpers.envs import assert_same
 from tests.helpers.training import train_policy, trained_arrays
 
 LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
-MEASURED = json.dumps({"wind": "windy", "output_feedback": True})
 CURVE = {"kind": "sinusoids", "terms": [{"amplitude": 0.3, "frequency": 1.0}]}
+WITHOUT_RATES = json.dumps({"wind": "windy", "output_feedback": True})
 DELAYED = json.dumps({"sensors": {"kind": "delay", "steps": 3}})
 BRIEF = TrainSettings(
     algo="apg",
@@ -67,7 +67,7 @@ def test_ten_updates_lower_the_cost() -> None:
     ("scenario", "hybrid", "tolerance"),
     [
         ("calm", HybridSettings(), 0.0),
-        (MEASURED, HybridSettings("lqg", "memory_only"), 0.02),
+        (WITHOUT_RATES, HybridSettings("lqg", "memory_only"), 0.02),
         ("calm", HybridSettings("flatness"), 0.02),
         (LAGGED, HybridSettings("flatness"), 0.02),
         (DELAYED, HybridSettings("flatness"), 0.02),
@@ -187,7 +187,7 @@ def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"scenarios": (json.dumps({"actuators": {"kind": "rate_limit"}}),)}, "actuator 'rate_limit', only"),
-        ({"scenarios": (MEASURED,), "hybrid": HybridSettings()}, "has no velocities.*needs a base_controller"),
+        ({"scenarios": (WITHOUT_RATES,), "hybrid": HybridSettings()}, "no velocities .* needs a base_controller"),
         ({"reward_scale": 0.1}, "reward_scale must be 0.01 with algo 'apg', not 0.1"),
         ({"reward": RewardWeights(tip=0.1)}, "reward must be RewardWeights.* with algo 'apg', not"),
         (

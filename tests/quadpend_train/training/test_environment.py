@@ -37,7 +37,6 @@ def observed_in_training(policy: Any, settings: TrainSettings, steps: int) -> An
         ("estimate_only", "training_lagged"),
         ("estimate_only", json.dumps({**DELAYED, "loop_known": False})),
         ("residual_action", json.dumps(DELAYED)),
-        ("bandwidth_scheduling", json.dumps(DELAYED)),
     ],
 )
 def test_policy_observes_in_training_what_it_observes_in_evaluation(mode: Any, scenario: str) -> None:
@@ -50,7 +49,7 @@ def test_policy_observes_in_training_what_it_observes_in_evaluation(mode: Any, s
     adapted, env = policy.adapt(found := find_scenario(scenario)), found.make_vec(2, AutoresetMode.SAME_STEP)
     observation, memory, started = env.reset(seed=7)[0], None, np.ones(2, np.bool_)  # rows 2 and 3 of the training
     for seen in expected:
-        assert_array_equal(adapted.hybrid.observe(observation, memory and memory.hybrid, started)[0], seen[2:])
+        assert_array_equal(adapted.hybrid.observe(observation, memory, started)[0], seen[2:])
         action, memory = adapted.predict(observation, memory, started)
         observation, _, terminated, truncated, _ = env.step(action)
         started = terminated | truncated

@@ -13,7 +13,7 @@ from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.gains import DESCRIPTIONS, TUNED
 from quadpend_gym import Simulation
-from quadpend_train.policies.loading import load_policy, policy_names
+from quadpend_train.policies.loading import load_policy
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import TrainSettings, settings_of_card, to_mapping
 
@@ -24,11 +24,9 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
     """Describe a policy: what it observes, how it was trained, and how good it is.
 
     Args:
-        policy: A policy, as in evaluate; of a learned policy, one training seed (ppo-gain-scheduling-0).
+        policy: A policy, as in evaluate.
         json: Print all data as JSON.
     """
-    if len(seeds := policy_names(policy)) > 1:
-        raise ValueError(f"{policy} has several training seeds: choose one of {', '.join(seeds)}")
     data, lines = _controller(policy) if policy in CONTROLLERS else _learned(policy)
     if json:
         print(json_format.dumps(data, indent=1))
@@ -64,7 +62,6 @@ def _learned(name: str) -> tuple[dict[str, Any], dict[str, str]]:
         "network": f"{' → '.join(map(str, widths))}, {card['activation']}",
         "observes": f"the environment's observation of {' or '.join(map(str, policy.observation_sizes))} numbers"
         + (f", as {hybrid['base_controller']} estimates it" if hybrid else ""),
-        "acts": f"every {card['action_repeat']} control steps" if card["action_repeat"] > 1 else "every control step",
     }
     if score and "settings" in card:
         settings = settings_of_card(card, name)

@@ -62,10 +62,6 @@ COMMANDS = {
         "search.tune",
         "Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.",
     ),
-    "sweep": (
-        "search.sweep",
-        "Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.",
-    ),
 }
 _LINES = "\n".join(f"  {name:<11}{summary}" for name, (_, summary) in COMMANDS.items())
 _OVERVIEW = f"""usage: quadpend COMMAND [OPTIONS]

@@ -1,7 +1,6 @@
-"""The commands of the searches: `tune` for gains of controllers and `sweep` for settings of learners."""
+"""The command `tune`: a search for gains of controllers."""
 
 import json
-import shlex
 from pathlib import Path
 
 import tyro
@@ -51,48 +50,3 @@ def tune(
         study = search.open(storage or str(out / "trials.log"), seed)
         print(json.dumps(tuning.tune(search, study, trials, out), indent=1))
         shared.draw(study, "loss (mm)", out / f"{search.name}.png")
-
-
-def sweep(
-    settings: tyro.conf.Positional[str],
-    trials: Trials = 32,
-    seconds: float = 60.0,
-    out: Path = Path("results/sweep"),
-    space: Path | None = None,
-    storage: str | None = None,
-    jobs: int = 1,
-    seed: Seed = 0,
-) -> None:
-    """Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.
-
-    The same command continues an interrupted search. In several terminals or on several machines, each with a --seed of
-    its own, it searches with all of them, if it has a --storage that all can open, and an --out for each machine.
-    `quadpend train --settings OUT/best.json` trains with the settings that it finds.
-
-    Args:
-        settings: Settings from which the search starts, as --settings of train; the first trial has them.
-        trials: Trials of the search, those included that are stopped early since the median of the others is better.
-        seconds: Duration of the training of a trial, s.
-        out: Folder for best.json (the settings), trials.csv, sweep.png and the trainings.
-        space: Search space, a settings file with a range {low = …, high = …, log = true} or a list of values in place
-            of a value. The default is the file of the algorithm in train/quadpend_train/search/search_spaces.
-        storage: File or URL of a database for the trials of all processes, as in tune.
-        jobs: Number of processes.
-        seed: Random seed of the search.
-    """
-    from quadpend_train.search import shared
-    from quadpend_train.search import sweep as study_of_settings
-    from quadpend_train.training.settings import read_settings
-
-    out.mkdir(parents=True, exist_ok=True)
-    start = read_settings(settings)
-    ranges, values = study_of_settings.read_space(space, start)
-    where = storage or str(out / "trials.log")
-    searched = study_of_settings.Sweep(start, ranges, values, seconds, out, where, seed)
-    study = study_of_settings.search(searched, trials, jobs)
-    lines = study_of_settings.write_results(study, searched)
-    shared.draw(study, "penalised RMSE (m)", out / study_of_settings.PICTURE)
-    print("\n".join(lines))
-    print(f"Written: {', '.join(str(out / name) for name in study_of_settings.FILES)}")
-    best = shlex.quote(str(out / study_of_settings.BEST))
-    print(f"Train with these settings: quadpend train --settings {best}")

@@ -56,7 +56,7 @@ def _base(settings: str | None, algo: str | None, start_from: str | None) -> Tra
     from quadpend_train.policies.loading import policy_file
 
     if algo and not settings and not (PRESETS / f"{algo}.toml").is_file():
-        return TrainSettings(algo=algo)
+        return replace(read_settings("sac"), algo=algo) if algo == "tqc" else TrainSettings(algo=algo)
     if start_from and not settings and not algo:
         with suppress(ValueError):  # training refuses the policy with its own message
             return read_settings(str(policy_file(start_from)))
@@ -95,7 +95,7 @@ def train(
         run: Settings that replace those of the file.
         settings: Settings file: the name of a preset in train/quadpend_train/training/presets, the path of a TOML or
             JSON file, or a policy file (.npz), whose card contains the settings of its training. Without it, --algo
-            selects the preset ppo, sac, tqc or apg, and --start-from the settings of its policy.
+            selects the preset ppo, sac or apg, and --start-from the settings of its policy.
         set: A keyword argument of the algorithm's class in Stable-Baselines3 or sb3-contrib, as ppo.learning_rate=1e-3
             or sac.policy_kwargs.net_arch=[64,64]. It may be repeated.
         out: Folder of the run.
@@ -188,7 +188,7 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
     """Train a learned policy again from its card, and report whether the weights are the same.
 
     Args:
-        policy: A policy of this package (ppo-gain-scheduling-0), a run folder or a policy file.
+        policy: A policy of this package (apg-0), a run folder or a policy file.
         out: Folder of the new run.
     """
     from quadpend_train.policies.loading import policy_file

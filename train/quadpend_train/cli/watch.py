@@ -41,7 +41,7 @@ _DEFAULT = VideoOptions()
 
 
 def watch(
-    policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "ppo-gain-scheduling-0"),
+    policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "apg-0"),
     scenarios: tuple[str, ...] = ("windy",),
     seed: int = TEST_SEED,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = _DEFAULT,

@@ -11,7 +11,6 @@ static inline real q_max(real a, real b) { return a > b ? a : b; }
 #define KALMAN @kalman@
 #define ADRC @adrc@
 #define NETWORK @network@
-#define REPEAT @repeat@ /* control steps for which an output of the network is used */
 #define MEMORY @memory@
 #define EXTRA @extra@
 #define ESTIMATE @estimate@ /* numbers of an estimate of the vehicle */
@@ -79,7 +78,7 @@ static void act(@name@_policy *policy, int is_sample) {
     for (int i = 0; i < 4; ++i) action[i] = 0;
     for (int i = 0; i < EXTRA; ++i) policy->extra[i] = 0;
     policy->running = 1;
-    policy->age = policy->steps = 0;
+    policy->age = 0;
   } else {
 #if KALMAN
     predict(memory, action, 0, 1);
@@ -122,8 +121,7 @@ static void act(@name@_policy *policy, int is_sample) {
   real seen[INPUTS];
   inputs(memory, later, policy->extra, seen, extra);
   copy(EXTRA, extra, policy->extra);
-  if (policy->steps == 0) network(seen, policy->output);
-  policy->steps = (policy->steps + 1) % REPEAT;
+  network(seen, policy->output);
 #endif
   law(memory, later, policy->extra, policy->output, action, extra);
   copy(EXTRA, extra, policy->extra);

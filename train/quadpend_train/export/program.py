@@ -25,14 +25,7 @@ from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation import estimator
 from quadpend_baselines.estimation.estimator import INNOVATION, LOOP, MASS_RATIO, RIGID_PART, Estimate
 from quadpend_baselines.estimation.loop import compensate
-from quadpend_baselines.hybrid.hybrids import (
-    _DECAY,
-    _MAGNIFICATION,
-    _TILT,
-    _TORQUE,
-    EstimateOnly,
-    ResidualAction,
-)
+from quadpend_baselines.hybrid.hybrids import _MAGNIFICATION, EstimateOnly
 from quadpend_baselines.hybrid.innovations import FILTERED_SIZE
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares
 from quadpend_baselines.modelling.quantities import store_vectors
@@ -42,17 +35,15 @@ from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, norma
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import unpack_rigid
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE, THRUST, TORQUE
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE, THRUST
 from quadpend_gym.physics.vectors import Four
 from quadpend_gym.tasks.observation import (
-    OBSERVATION_FIELDS,
     OBSERVATION_SCALE,
     OBSERVATION_SIZE,
     OUTPUT_FEEDBACK_COLUMNS,
     OUTPUT_FEEDBACK_SIZE,
     REFERENCE_START,
 )
-from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_train.common.lifted_inputs import deviations_of, innovations_of, lifted_plant, nominal_estimate
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
@@ -184,14 +175,14 @@ def _observer(base: OutputFeedback) -> Program:
     return Program(functions, names, size, 0, size, STATE_SIZE, estimator._MAX_ESTIMATE)
 
 
-def _control(base: OutputFeedback, later: Any, law_memory: Any, **options: Any) -> tuple[Any, Any]:
+def _control(base: OutputFeedback, later: Any, law_memory: Any) -> tuple[Any, Any]:
     """Return action and memory of the law as vectors, as `OutputFeedback.control` does."""
     prediction, law, after = base.estimator.prediction, base._law, columns(later)
     _arrive(after, lift(estimator.unpack_loop)(prediction.numbers[0]))
     nominal = nominal_estimate(after, bool(base.gains.estimator.mass_time))
     ratio, plant = after[MASS_RATIO, 0], lifted_plant(base.simulation)
     memory = _row(law_memory) if isinstance(law, Lqr) else ()
-    command, memory = lift(type(law).command, {plant_of: lifted_plant})(law, nominal, memory, **options)
+    command, memory = lift(type(law).command, {plant_of: lifted_plant})(law, nominal, memory)
     if isinstance(law, Lqg):
         command[0, THRUST] = ratio * (1.0 + command[0, THRUST]) - 1.0
         wanted = columns([ca.fmin(ca.fmax(a, -1.0), 1.0) for a in command[0]])
@@ -223,7 +214,7 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
     law_size, loop = _law_size(base), lift(estimator.unpack_loop)(base.estimator.prediction.numbers[0])
     length, hover = base.simulation.parameters.rod_length, base.simulation.parameters.hover_thrust
     alone = isinstance(hybrid, EstimateOnly)
-    parts: Any = law_size, 1, ACTION_SIZE
+    parts: Any = law_size, ACTION_SIZE
     if alone:
         situation, filtered_size = (SITUATION_SIZE, DISTURBANCE_SIZE), FILTERED_SIZE * hybrid.innovations
         parts = law_size, *(size * hybrid.situation for size in situation), 1, filtered_size
@@ -256,28 +247,15 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
         return {"seen": ca.vertcat(*seen), "next_extra": ca.vertcat(law_memory, squares, last, steps, filtered)}
 
     def correction(memory: Any, later: Any, extra: Any) -> dict[str, Any]:
-        law_memory, score, _ = ca.vertsplit(extra, starts)
+        law_memory, _ = ca.vertsplit(extra, starts)
         estimated = vector(lift(estimator.observation_of)(Estimate(_row(memory)), length))
-        disturbance = vector(disturbance_of(memory))
-        r = OBSERVATION_FIELDS["direction"].start
-        tilt = ca.norm_2(estimated[r : r + 2] * OBSERVATION_SCALE[r : r + 2]) / _TILT
-        decay = _DECAY ** (base.simulation.period / CONTROL_PERIOD)
-        score = ca.fmax(ca.fmax(ca.norm_2(disturbance[TORQUE:]) / _TORQUE, tilt), decay * score)
-        small = float(_MAGNIFICATION) * estimated[:REFERENCE_START]
-        seen, action = [small, estimated[REFERENCE_START:], disturbance], ca.SX.zeros(ACTION_SIZE)
-        if isinstance(hybrid, ResidualAction):
-            action, law_memory = _control(base, later, law_memory)
-            seen.append(float(_MAGNIFICATION) * action)
-        return {"seen": ca.vertcat(*seen), "next_extra": ca.vertcat(law_memory, score, action)}
+        action, law_memory = _control(base, later, law_memory)
+        near = float(_MAGNIFICATION)
+        parts = near * estimated[:REFERENCE_START], estimated[REFERENCE_START:], vector(disturbance_of(memory))
+        return {"seen": ca.vertcat(*parts, near * action), "next_extra": ca.vertcat(law_memory, action)}
 
     def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
-        if alone:
-            return {"action": output, "next_extra": extra}
-        weighed = output / (1.0 + (hybrid.fallback_gain * extra[law_size]) ** 2)
-        if isinstance(hybrid, ResidualAction):
-            return {"action": extra[law_size + 1 :] + hybrid.action_scale * weighed, "next_extra": extra}
-        scales = ca.exp(np.log(1.0 + hybrid.action_scale) * weighed)
-        action, _ = _control(base, later, extra[:law_size], bandwidth_scale=_row(scales))
+        action = output if alone else extra[law_size:] + hybrid.action_scale * output
         return {"action": action, "next_extra": extra}
 
     inputs = estimate_only if alone else correction

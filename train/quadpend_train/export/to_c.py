@@ -91,7 +91,6 @@ def export_c(
         "kalman": int(reads_observer),
         "adrc": int(isinstance(inner, ADRC)),
         "network": int(is_network),
-        "repeat": inner.card["action_repeat"] if isinstance(inner, MlpPolicy) else 1,
         "memory": found.memory,
         "extra": found.extra,
         "estimate": found.estimate,

@@ -17,12 +17,12 @@ def export_onnx(policy: Policy, out: Path) -> None:
     """Write the network of a policy: from float32 observations of shape (n, m) to actions of shape (n, 4).
 
     Raises:
-        ValueError: The policy is no network, or has a base controller or repeats actions.
+        ValueError: The policy is no network, or has a base controller.
     """
     if not isinstance(policy, MlpPolicy):
         raise ValueError("ONNX is for networks: use --to c")
     card = policy._card
-    if policy.hybrid is not None or card.action_repeat != 1:
+    if policy.hybrid is not None:
         raise ValueError("ONNX has the network alone, but this policy also has an observer: use --to c")
     from onnx import TensorProto, helper, numpy_helper
 

@@ -14,7 +14,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.envs.spaces import action_meaning
-from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 from quadpend_train.policies.normalization import STATISTICS, Normalization, from_vec_normalize, statistics_files
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, actor_modules, read_zip
 
@@ -39,7 +39,7 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
     normalization = normalization_of(model, vec_normalize)
     if normalization is not None:
         fields["normalization"] = asdict(normalization)
-    policy = MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE, **card})
+    policy = MlpPolicy(layers, {"format": FORMAT, **fields, "hybrid": None, **card})
     inputs = np.random.default_rng(0).normal(size=(64, *model.observation_space.shape)).astype(np.float32)
     expected, _ = model.predict(inputs if normalization is None else normalization.apply(inputs), deterministic=True)
     if not np.allclose(policy.forward(inputs), expected, atol=_TOLERANCE):

@@ -18,25 +18,13 @@ from quadpend_train.policies.normalization import statistics_files
 
 
 def load_policies(names: str) -> list[Policy]:
-    """Load one or several policies, see `policy_names`."""
-    return [load_policy(name) for name in policy_names(names)]
+    """Load one policy, or training seeds of one learned policy that commas separate."""
+    return [load_policy(name) for name in names.split(",")]
 
 
-def policy_names(names: str) -> list[str]:
-    """Return the names of the single policies in `names`, which commas separate: training seeds of one learned policy.
-
-    The name of a learned policy of this package without its seed (``"ppo-gain-scheduling"``) stands for all its seeds.
-    """
-    shipped = shipped_policies()
-    return [single for name in names.split(",") for single in (shipped.get(name) or [name])]
-
-
-def shipped_policies() -> dict[str, list[str]]:
-    """Return the learned policies of this package: their names without a seed, and the names of all seeds in order."""
-    found: dict[str, list[str]] = {}
-    for path in sorted(SHIPPED.glob("*-[0-9]*.npz")):
-        found.setdefault(path.stem.rpartition("-")[0], []).append(path.stem)
-    return found
+def shipped_policies() -> list[str]:
+    """Return the names of the learned policies of this package."""
+    return sorted(path.stem for path in SHIPPED.glob("*.npz"))
 
 
 def load_policy(name: str) -> Policy:
@@ -46,7 +34,7 @@ def load_policy(name: str) -> Policy:
         name: One of
 
             - the name of a classical controller, a key of `quadpend_baselines.CONTROLLERS`;
-            - the name of a learned policy of this package, with its seed (``"ppo-gain-scheduling-0"``);
+            - the name of a learned policy of this package, with its seed (``"apg-0"``);
             - ``"c:policy.c"``, a C file of ``quadpend export``, see `quadpend_train.policies.compiled`. It is compiled
               and executed;
             - ``"module:factory"``, see `quadpend_train.policies.conversion`;

@@ -4,7 +4,7 @@ A policy file is an npz archive with float32 weights and biases and a JSON text,
 needs numpy and, for a hybrid, the classical controllers of `quadpend_baselines`. It needs neither PyTorch nor
 Stable-Baselines3:
 
-    policy = MlpPolicy.load("ppo-gain-scheduling-0")
+    policy = MlpPolicy.load("apg-0")
     action, memory = policy.predict(observation, memory)
 
 The fields of the card that determine the policy are those of `Card`. A trained policy's card also has the settings, the
@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from gymnasium import logger
@@ -25,9 +25,9 @@ from quadpend_baselines import Policy
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
 from quadpend_baselines.hybrid.wrapper import NO_HYBRID
-from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
+from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats, Floats32, Integers
+from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
@@ -40,7 +40,6 @@ from quadpend_train.policies.normalization import Normalization
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 2"
 OBSERVATION_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
-PLAIN_INTERFACE = {"hybrid": None, "action_repeat": 1}  # fields of the card of a policy without memory
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
@@ -56,20 +55,11 @@ class Card:
     activation: Literal["relu", "tanh", "elu"]  # function of the hidden layers
     squashed: bool  # whether the output goes through tanh; otherwise it is clipped to [−1, 1]
     hybrid: dict[str, Any] | None  # data for `hybrid_from_data`; None for a policy without base controller
-    action_repeat: Annotated[int, Range(1, 10_000_000)]  # control steps for which each output of the network is used
     bound: Annotated[float | None, Range(1e-30, 1e30)] = None  # limit of the output before tanh
     input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()  # s of the inputs [x, tanh(s₁ x), tanh(s₂ x), …]
     normalization: Normalization | None = None  # of the inputs
     interface: Literal["wrench", "rotors", "body_rates"] | None = None  # what an action commands; None: unknown
     vehicle: str | None = None  # of the training; "any": several; None: the paper's
-
-
-class MlpMemory(NamedTuple):
-    """The state of a policy with a hybrid or action repeat between two calls, for n rows."""
-
-    hybrid: Any  # None without a hybrid
-    output: Floats32  # latest output of the network, (n, 4)
-    steps: Integers  # control steps since the start of the episode, (n,)
 
 
 class MlpPolicy(Policy):
@@ -83,6 +73,8 @@ class MlpPolicy(Policy):
 
     def __init__(self, layers: Sequence[tuple[Floats32, Floats32]], card: dict[str, Any]) -> None:
         known = {item.name for item in fields(Card)}
+        if card.get("action_repeat", 1) != 1:
+            raise ValueError("policies that repeat their actions fly in version 0.3 only")
         self._card = read = parse(Card, {name: value for name, value in card.items() if name in known}, "card")
         self.layers, self.card, self.input_scales = list(layers), card, read.input_scales
         self.hybrid: Hybrid | None = None if read.hybrid is None else hybrid_from_data(read.hybrid)
@@ -96,11 +88,10 @@ class MlpPolicy(Policy):
             output = self.forward(np.zeros((1, int(inputs)), np.float32))
         if output.shape != (1, ACTION_SIZE) or output.dtype != np.float32 or not np.isfinite(output).all():
             raise ValueError(f"the layers must be of float32 and finite, with {ACTION_SIZE} outputs")
-        self._stateless = all(card[name] == value for name, value in PLAIN_INTERFACE.items())
 
     @classmethod
     def load(cls, name: str | Path) -> "MlpPolicy":
-        """Load a policy file by its path, or a policy of this package by its name (``"ppo-gain-scheduling-0"``)."""
+        """Load a policy file by its path, or a policy of this package by its name (``"apg-0"``)."""
         path = Path(name)
         if not path.is_file() and not (path := SHIPPED / f"{name}.npz").is_file():
             raise ValueError(f"{str(name)!r} must be the path of a policy file or the name of a policy of this package")
@@ -143,27 +134,19 @@ class MlpPolicy(Policy):
             )
         if not deterministic:
             raise ValueError("deterministic must be True: an MlpPolicy acts deterministically")
-        if self._stateless:
+        if self.hybrid is None:
             return self.forward(observation), None
         rows = np.atleast_2d(observation)
-        hybrid: Any = None
         started = episode_start_mask(episode_start, state is None, len(rows))
-        if self.hybrid is not None:
-            rows, hybrid = self.hybrid.observe(rows, state and state.hybrid, started)
-        action, steps = self.forward(rows), np.zeros(len(rows), np.int64)
-        if state is not None:
-            steps = np.where(started, 0, state.steps)
-            action = select_rows(steps % self._card.action_repeat == 0, action, state.output)
-        memory = MlpMemory(hybrid, action, steps + 1)
-        if self.hybrid is not None:
-            action, hybrid = self.hybrid.act(action, hybrid)
-        return action.reshape(*observation.shape[:-1], ACTION_SIZE), memory._replace(hybrid=hybrid)
+        seen, memory = self.hybrid.observe(rows, state, started)
+        action, memory = self.hybrid.act(self.forward(seen), memory)
+        return action.reshape(*observation.shape[:-1], ACTION_SIZE), memory
 
     def estimated_disturbance(self, memory: Any) -> Floats:
         """Return the base controller's estimate of the disturbance, shape (n, 9); nan if none flies."""
-        if self.hybrid is None or not memory.hybrid.controller:
+        if self.hybrid is None or not memory.controller:
             return super().estimated_disturbance(memory)
-        return np.asarray(self.hybrid.controller.estimated_disturbance(memory.hybrid.controller))
+        return np.asarray(self.hybrid.controller.estimated_disturbance(memory.controller))
 
     def forward(self, inputs: Floats32) -> Floats32:
         """Return the network's output for inputs of shape (m,) or (n, m), shape (4,) or (n, 4)."""
@@ -192,11 +175,10 @@ def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:
 def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
     """Check that a policy's actions mean in a nominal simulation what they meant in its training.
 
-    The base controller of a hybrid of the kind ``"bandwidth_scheduling"`` commands any vehicle and interface. Policies
-    from elsewhere have no `interface` on their card: they are not checked.
+    Policies from elsewhere have no `interface` on their card: they are not checked.
     """
     trained, interface = card.get("interface"), simulation.interface
-    if trained is None or (card.get("hybrid") or {}).get("kind") == "bandwidth_scheduling":
+    if trained is None:
         return
     if trained != interface:
         raise ValueError(

@@ -35,7 +35,6 @@ def open_study(
     sampler: Callable[[int], optuna.samplers.BaseSampler],
     seed: int,
     start: Mapping[str, Any],
-    pruner: optuna.pruners.BasePruner | None = None,
 ) -> optuna.Study:
     """Open or create a study, whose first trial has the values `start`.
 
@@ -47,7 +46,6 @@ def open_study(
             study = optuna.create_study(
                 study_name=name,
                 storage=storage if "://" in storage else _journal(Path(storage).resolve()),
-                pruner=pruner or optuna.pruners.NopPruner(),
                 load_if_exists=True,
             )
         except Exception as error:  # the database and its driver raise exceptions of many types
@@ -86,8 +84,8 @@ def signals_wait() -> Iterator[None]:
 
 
 def finished(study: optuna.Study) -> list[FrozenTrial]:
-    """Return the trials that have ended, those that were stopped early included."""
-    return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED))
+    """Return the trials that have ended."""
+    return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
 
 
 def run_trials(
@@ -95,8 +93,7 @@ def run_trials(
 ) -> None:
     """Take trials until the study has enough finished ones, those of all processes together.
 
-    With n processes, up to n - 1 more trials are made. `objective` returns the value of a trial, or raises
-    `optuna.TrialPruned`.
+    With n processes, up to n - 1 more trials are made.
     """
     with quiet(), tqdm(total=trials, unit="trial", disable=not progress) as bar:
         while (count := len(finished(study))) < trials:
@@ -107,8 +104,6 @@ def run_trials(
                 with signals_wait():
                     trial = study.ask(dict(space))
                 value, state = objective(trial), None  # a trial whose value is nan fails
-            except optuna.TrialPruned:
-                state = TrialState.PRUNED
             finally:
                 if trial is not None:
                     with signals_wait():

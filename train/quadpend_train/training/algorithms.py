@@ -14,14 +14,14 @@ from quadpend_train.common.text import brief
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.export import export
 from quadpend_train.policies.loading import load_policy
-from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, check_interface
+from quadpend_train.policies.mlp_policy import MlpPolicy, check_interface
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, linear_layers
 from quadpend_train.training.apg import APG, check_apg
 from quadpend_train.training.arguments import as_python, linear_schedule
 from quadpend_train.training.settings import ALONE, TrainSettings
 
 # Fields of a card that must be the same, with their defaults
-_COMPARED = dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales")) | PLAIN_INTERFACE
+_COMPARED = dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales", "hybrid"))
 
 
 def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> Any:
@@ -70,9 +70,11 @@ def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:
     return model
 
 
-def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None:
-    """Copy the network of the policy `start_from`, or of its copy if that exists, to the actor of a model."""
-    policy = MlpPolicy.load(copied) if copied and copied.is_file() else start_policy(settings)
+def load_actor(model: Any, settings: TrainSettings) -> None:
+    """Copy the network of the policy `start_from` to the actor of a model."""
+    policy = load_policy(settings.start_from)
+    if not isinstance(policy, MlpPolicy):
+        raise ValueError(f"start_from must be a learned policy with a feedforward network, not {settings.start_from}")
     hybrid = settings.hybrid
     wider = linear_layers(model)[0].in_features
     plain = policy.hybrid is None and len(policy.layers[0][0]) == OBSERVATION_SIZE < wider
@@ -106,11 +108,3 @@ def _compared(policy: MlpPolicy) -> dict[str, Any]:
     """Return what must be the same in two policies."""
     widths = [len(policy.layers[0][0]), *(len(biases) for _, biases in policy.layers)]
     return {name: policy.card.get(name, default) for name, default in _COMPARED.items()} | {"widths": widths}
-
-
-def start_policy(settings: TrainSettings) -> MlpPolicy:
-    """Return the policy `start_from`."""
-    policy = load_policy(settings.start_from)
-    if not isinstance(policy, MlpPolicy):
-        raise ValueError(f"start_from must be a learned policy with a feedforward network, not {settings.start_from}")
-    return policy

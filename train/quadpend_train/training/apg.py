@@ -176,9 +176,6 @@ class APG(OnPolicyAlgorithm):
         for number, values in self.policy.optimizer.state_dict()["state"].items():
             arrays |= {f"optimizer.{number}.{name}": value.numpy() for name, value in values.items()}
         counts = np.array([self.num_timesteps, self._n_updates])
-        if hasattr(self, "scores"):
-            arrays["scores"] = np.array(self.scores, dtype=np.float64).reshape(-1, 4)
-            arrays["best"] = np.frombuffer(self.best, dtype=np.uint8)
         with Path(path).open("wb") as file:
             np.savez(file, counts=counts, **arrays)
 
@@ -187,9 +184,6 @@ class APG(OnPolicyAlgorithm):
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             arrays = {name: torch.as_tensor(data[name]) for name in data.files}
         self.num_timesteps, self._n_updates = arrays.pop("counts").tolist()
-        if "scores" in arrays:
-            self.scores = [(int(steps), *rest) for steps, *rest in arrays.pop("scores").tolist()]
-            self.best = arrays.pop("best").numpy().tobytes()
         optimizer = self.policy.optimizer.state_dict()
         weights: dict[str, Tensor] = {}
         for name, value in arrays.items():

@@ -10,10 +10,9 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 from quadpend_baselines import Policy
-from quadpend_train.common.files import atomic, write_bytes, write_text
+from quadpend_train.common.files import atomic, write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.policies.export import export
-from quadpend_train.policies.sb3_models import is_on_policy
 from quadpend_train.training.settings import TrainSettings
 
 CHECKPOINT, CURVE, BEST = "checkpoint.zip", "curve.csv", "best.npz"
@@ -30,6 +29,14 @@ class Score(NamedTuple):
     seconds: float  # duration of training before the evaluation, s
     survival: float  # share of episodes without a fall, that is an early termination
     penalised_rmse: float  # mean over all episodes of the RMSE of the tracking error, m; a fall counts as 1 m
+
+
+def read_curve(folder: Path) -> list[Score]:
+    """Return the scores of all evaluations of a run so far."""
+    if not (path := folder / CURVE).is_file():
+        return []
+    rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()[1:]]
+    return [Score(int(steps), *map(float, numbers)) for steps, *numbers in rows]
 
 
 def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEED) -> tuple[float, float]:
@@ -75,35 +82,20 @@ class RolloutCallback(BaseCallback):
         return True
 
 
-class CheckpointSegments(RolloutCallback):
-    """Divide a run into segments that start from a checkpoint.
-
-    A segment starts with new episodes and new random numbers, so it depends only on the settings and on the model in
-    its checkpoint. Therefore an interrupted and resumed run gives the same policy as an uninterrupted one. A segment
-    ends after `save_freq` steps.
-    """
+class Checkpoints(RolloutCallback):
+    """Save a checkpoint every `save_freq` steps."""
 
     def __init__(self, settings: TrainSettings, folder: Path) -> None:
         super().__init__()
         self.settings, self.folder = settings, folder
-        self.segment_start = -1
+
+    def _on_training_start(self) -> None:
+        self.saved = self.num_timesteps
 
     def _on_rollout_start(self) -> None:
-        steps, start, settings = self.num_timesteps, self.segment_start, self.settings
-        if start >= 0:
-            if steps - start < settings.save_freq:
-                return
+        if self.num_timesteps - self.saved >= self.settings.save_freq:
             save_checkpoint(self.model, self.folder)
-        self.segment_start = steps
-        model: Any = self.model
-        env = model.get_env()
-        model.set_random_seed((settings.seed * 1_000_003 + steps) % 2**32)
-        env.seed(first_seed(settings) + steps)
-        # Stable-Baselines3 resets the environment at the beginning of `learn` only, and has no method for it
-        model._last_obs = env.reset()
-        model._last_episode_starts[:] = True
-        if model.use_sde:
-            (model.policy if is_on_policy(model) else model.actor).reset_noise(env.num_envs)
+            self.saved = self.num_timesteps
 
 
 class StopConditions(RolloutCallback):
@@ -136,9 +128,7 @@ class EvaluationCallback(RolloutCallback):
     """Evaluate the policy every `eval_freq` steps, and save the best one.
 
     ``curve.csv`` has one line per evaluation, see `Score`. The time of the evaluations does not count as training time.
-
-    The scores and the best policy are also in the model, and so in its checkpoints: a resumed run continues from those
-    before its checkpoint, writes the two files again, and repeats the later evaluations.
+    A resumed run continues the curve: it evaluates again after the timesteps of the last line.
     """
 
     def __init__(self, settings: TrainSettings, folder: Path) -> None:
@@ -148,14 +138,8 @@ class EvaluationCallback(RolloutCallback):
         self.begin = time.perf_counter()  # later by the time of the evaluations, earlier by that before a resumed run
 
     def _on_training_start(self) -> None:
-        model: Any = self.model
-        self.scores = [Score(*values) for values in getattr(model, "scores", [])]
-        model.scores, model.best = self.scores, getattr(model, "best", b"")
-        self.begin = time.perf_counter()
-        if self.scores:
-            write_bytes(self.folder / BEST, model.best)
-            self._write_curve()
-            self.begin -= self.scores[-1].seconds
+        self.scores = read_curve(self.folder)
+        self.begin = time.perf_counter() - (self.scores[-1].seconds if self.scores else 0.0)
 
     def _on_rollout_start(self) -> None:
         every = self.settings.eval_freq
@@ -174,16 +158,12 @@ class EvaluationCallback(RolloutCallback):
         score = Score(self.num_timesteps, round(start - self.begin, 2), survival, rmse)
         if rmse < min((other.penalised_rmse for other in self.scores), default=float("inf")):
             policy.save(self.folder / BEST)
-            self.model.best = (self.folder / BEST).read_bytes()  # type: ignore[attr-defined]
         self.scores.append(score)
-        self._write_curve()
+        lines = (",".join(map(str, line)) for line in (Score._fields, *self.scores))
+        write_text(self.folder / CURVE, "\n".join(lines) + "\n")
         for name in ("seconds", "survival", "penalised_rmse"):
             self.logger.record(f"evaluation/{name}", getattr(score, name))
         self.begin += time.perf_counter() - start
-
-    def _write_curve(self) -> None:
-        lines = (",".join(map(str, line)) for line in (Score._fields, *self.scores))
-        write_text(self.folder / CURVE, "\n".join(lines) + "\n")
 
 
 class Report(RolloutCallback):

@@ -1,4 +1,4 @@
-"""Create the training environment from settings: scenarios, hybrid, reward and action repeat."""
+"""Create the training environment from settings: scenarios, hybrid and reward."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +13,6 @@ from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
 from quadpend_gym import RewardWeights
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles import CONTROL_PERIOD
-from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
@@ -77,10 +76,7 @@ def make_env(settings: TrainSettings, teaches: bool = False) -> SB3VecEnv:
     if hybrid.baseline_relative_reward:
         baseline = concatenate_scenarios(scenarios, settings.num_envs, steps)
         base_controllers = [controller(hybrid.base_controller).adapt(scenario) for scenario in scenarios]
-        gamma = settings.argument("gamma") ** (1.0 / hybrid.action_repeat)  # discount factor of a control step
         # A penalty of c is the largest return of c steps of the default period: of the same time at any period.
         penalty = hybrid.failure_penalty * (CONTROL_PERIOD / scenarios[0].simulation.period)
-        env = BaselineRelativeReward(env, baseline, base_controllers, gamma, penalty)
-    if hybrid.action_repeat > 1:
-        env = ActionRepeat(env, hybrid.action_repeat)
+        env = BaselineRelativeReward(env, baseline, base_controllers, settings.argument("gamma"), penalty)
     return SB3VecEnv(env, settings.reward_scale)

@@ -30,6 +30,7 @@ from quadpend_train.training import arguments as sb3
 PRESETS = Path(__file__).with_name("presets")
 ALONE = "estimate_only", "memory_only"  # modes in which the policy acts alone
 _INPUTS = "situation", "deviations", "innovations"
+_GONE = {"action_repeat": 1, "fallback_gain": 0.0}  # settings of a hybrid on older cards, with the value that remains
 
 
 @settings
@@ -38,10 +39,10 @@ class HybridSettings:
 
     base_controller: str = ""
     """Name of the base controller; empty for a policy without a base controller."""
-    mode: Literal["estimate_only", "memory_only", "residual_action", "bandwidth_scheduling"] = "estimate_only"
+    mode: Literal["estimate_only", "memory_only", "residual_action"] = "estimate_only"
     """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. memory_only: it
     acts alone, on a memory of the measurements; the base controller is its teacher. residual_action: it is added to the
-    base controller's action. bandwidth_scheduling: it scales the base controller's bandwidths."""
+    base controller's action."""
     situation: bool = False
     """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
     estimate_only."""
@@ -52,12 +53,7 @@ class HybridSettings:
     """Whether the policy also observes the innovations of the base controller's observer, filtered: a memory; with
     estimate_only."""
     action_scale: Annotated[float, Range(1e-6, 3.0)] = 1.0
-    """Factor κ on the policy's action, with residual_action and bandwidth_scheduling."""
-    fallback_gain: Annotated[float, Range(0.0, 10.0)] = 0.0
-    """Gain γ that reduces the policy's action while the observer estimates a torque or the pendulum tilts; 0 disables
-    the fallback."""
-    action_repeat: Annotated[int, Range(1, 1000)] = 1
-    """Control steps for which each action of the policy is repeated. Timesteps count actions, not control steps."""
+    """Factor κ on the policy's action, with residual_action."""
     baseline_relative_reward: bool = False
     """Subtract the reward that the base controller alone earns in a copy of the same episode."""
     failure_penalty: Annotated[float, Range(0.0, 1e6)] = 0.0
@@ -71,16 +67,13 @@ class HybridSettings:
     def __post_init__(self) -> None:
         alone = self.mode in ALONE
         observed = any(getattr(self, name) for name in _INPUTS)
-        applied = self.action_repeat > 1 or self.fallback_gain
-        used = observed or applied or self.imitation_timesteps or self.baseline_relative_reward
+        used = observed or self.imitation_timesteps or self.baseline_relative_reward
         if not self.base_controller and (self.mode != "estimate_only" or used):
             raise ValueError("a hybrid needs a base_controller")
         if observed and self.mode != "estimate_only":
             raise ValueError("situation, deviations and innovations need the mode 'estimate_only'")
         if self.imitation_timesteps and not alone:
             raise ValueError("imitation_timesteps needs the mode 'estimate_only' or 'memory_only'")
-        if applied and alone:
-            raise ValueError("action_repeat and fallback_gain need a mode in which the base controller flies")
         if self.failure_penalty and not self.baseline_relative_reward:
             raise ValueError("failure_penalty needs baseline_relative_reward")
 
@@ -91,7 +84,7 @@ class HybridSettings:
         data = {"kind": self.mode, "base_controller": self.base_controller}
         if self.mode in ALONE:
             return data | {name: True for name in _INPUTS if getattr(self, name)}
-        return {**data, "action_scale": self.action_scale, "fallback_gain": self.fallback_gain}
+        return {**data, "action_scale": self.action_scale}
 
 
 @settings
@@ -170,7 +163,7 @@ class TrainSettings:
     """Timesteps at the beginning in which an on-policy algorithm trains only the critic, for policies that perform well
     from the start."""
     save_freq: Annotated[int, Range(1, 1e12)] = 1_000_000
-    """Timesteps between two checkpoints; all sub-environments begin new episodes at a checkpoint."""
+    """Timesteps between two checkpoints."""
     eval_freq: Annotated[int, Range(0, 1e12)] = 0
     """Timesteps between two evaluations in the training scenarios; 0 for no evaluations."""
     n_eval_episodes: Annotated[int, Range(1, 100_000)] = 32
@@ -209,7 +202,7 @@ class TrainSettings:
 
     def policy_interface(self) -> dict[str, Any]:
         """Return the fields of a policy's card that say what the policy observes and how its action is applied."""
-        return {"hybrid": self.hybrid.as_data(), "action_repeat": self.hybrid.action_repeat}
+        return {"hybrid": self.hybrid.as_data()}
 
 
 def _without_files(items: tuple[str, ...]) -> tuple[str, ...]:
@@ -257,6 +250,8 @@ def from_mapping(values: Mapping[str, Any], source: str) -> TrainSettings:
     if "scenarios" in given:  # one or several, as texts or mappings
         items = given["scenarios"] if isinstance(given["scenarios"], list | tuple) else [given["scenarios"]]
         given["scenarios"] = [json.dumps(item) if isinstance(item, dict) else item for item in items]
+    if isinstance(hybrid := given.get("hybrid"), Mapping):
+        given["hybrid"] = {name: value for name, value in hybrid.items() if _GONE.get(name) != value}
     return parse(TrainSettings, given, source)
 
 

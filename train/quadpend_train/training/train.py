@@ -3,7 +3,6 @@
 The files of a run folder:
 
 - ``settings.json``: all settings;
-- ``start.npz``: the policy that training starts from, if any;
 - ``provenance.json``: command, commit, package versions and machine;
 - ``events*``: TensorBoard's event files;
 - ``checkpoint.zip``: the latest checkpoint, for SAC and TQC with ``buffer_*.pkl``; deleted when the run is finished;
@@ -12,7 +11,7 @@ The files of a run folder:
 - ``policy.npz``: the best policy, or the final one if the run is not evaluated.
 
 ``settings.json`` is written last when a run begins, and ``policy.npz`` last when it ends. Every file is replaced as a
-whole. So an interrupted run resumes from its latest checkpoint and gives the same policy as an uninterrupted run.
+whole. So an interrupted run resumes from its latest checkpoint, with new episodes.
 """
 
 import json
@@ -34,11 +33,11 @@ from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.algorithms import load_actor, load_model, make_model, start_policy
+from quadpend_train.training.algorithms import load_actor, load_model, make_model
 from quadpend_train.training.callbacks import (
     BEST,
     CHECKPOINT,
-    CheckpointSegments,
+    Checkpoints,
     EvaluationCallback,
     Report,
     Score,
@@ -51,7 +50,7 @@ from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
 
-SETTINGS, START, PROVENANCE, POLICY = "settings.json", "start.npz", "provenance.json", "policy.npz"
+SETTINGS, PROVENANCE, POLICY = "settings.json", "provenance.json", "policy.npz"
 CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
 
 
@@ -70,8 +69,6 @@ def train(
     model = initial_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        if settings.start_from:
-            start_policy(settings).save(folder / START)
         for name, data in ((PROVENANCE, provenance()), (SETTINGS, to_mapping(settings))):
             write_text(folder / name, json.dumps(data, indent=1) + "\n")
         return _run(model, settings, folder, progress, callbacks)
@@ -94,7 +91,7 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
         if (folder / POLICY).is_file():
             raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
         if not (folder / CHECKPOINT).is_file():
-            return _run(initial_model(settings, folder, folder / START), settings, folder, progress)
+            return _run(initial_model(settings, folder), settings, folder, progress)
         torch.set_num_threads(settings.num_threads)
         model = load_model(settings, make_env(settings), folder / CHECKPOINT)
         if hasattr(model, "replay_buffer"):
@@ -118,16 +115,16 @@ def locked(folder: Path) -> Iterator[None]:
         raise BlockingIOError(f"another process trains in {folder}: wait, or choose another folder") from None
 
 
-def initial_model(settings: TrainSettings, folder: Path | None = None, start: Path | None = None) -> Any:
+def initial_model(settings: TrainSettings, folder: Path | None = None) -> Any:
     """Return the model of a run before imitation and training, with the network of `start_from` if there is one.
 
-    TensorBoard's event files are in `folder`. `start` is a copy of the policy `start_from`, used if it exists.
+    TensorBoard's event files are in `folder`.
     """
     torch.set_num_threads(settings.num_threads)
     env = make_env(settings)
     model = make_model(settings, env, folder)
     if settings.start_from:
-        load_actor(model, settings, start)
+        load_actor(model, settings)
     return model
 
 
@@ -161,8 +158,10 @@ def _learn(
 ) -> Path:
     stop, evaluation = StopConditions(settings, end), EvaluationCallback(settings, folder)
     total, before = settings.total_timesteps, model.num_timesteps
+    model.set_random_seed((settings.seed * 1_000_003 + before) % 2**32)  # a resumed run draws other numbers
+    model.get_env().seed(first_seed(settings) + before)
     with tqdm(total=total, initial=before, unit="step", unit_scale=True, disable=not progress) as bar:
-        all_of = [CheckpointSegments(settings, folder), stop, evaluation, *callbacks, Report(bar, evaluation)]
+        all_of = [Checkpoints(settings, folder), stop, evaluation, *callbacks, Report(bar, evaluation)]
         try:
             model.learn(max(total - before, 0), CallbackList(all_of), reset_num_timesteps=False, tb_log_name="events")
             stop.check_finite()
