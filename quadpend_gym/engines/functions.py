@@ -105,7 +105,7 @@ def step_function(simulation: Simulation, moves_air: bool = False, ranges: LoopR
     physics, axis = columns(x["parameters"]), ca.SX(LANE_STATE_SIZE - STATE_SIZE, 1)
     if isinstance(plant, RigidPlant):
         lanes = columns(ca.vertcat(x["state"], axis, x["memory"][:size]), RIGID_LANE_SIZE)
-        flying = lanes, issued, ages, loops, disturbance, air, physics, plant.settings
+        flying: Any = lanes, issued, ages, loops, disturbance, air, physics, plant.settings
         lift(integrate_rigid)(*flying, 1, period, substeps, command)
     else:
         lanes = columns(x["state"], LANE_STATE_SIZE)

@@ -92,8 +92,9 @@ def make_weights(task: Task) -> KernelWeights:
 def make_limits(task: Task, simulation: Simulation) -> KernelLimits:
     """Return the limits of a task for a vehicle."""
     limits, pole = task.limits, simulation.vehicle.pole
-    cosines = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
-    return KernelLimits(*cosines, limits.tracking_error, limits.ground, pole.full_length / pole.length, task.side)
+    upright, level = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
+    reach = pole.full_length / pole.length
+    return KernelLimits(upright, level, limits.tracking_error, limits.ground, reach, task.side)
 
 
 def pack_settings(task: Task, plant: EulerPlant, moves_air: bool, has_sensors: bool) -> Floats:

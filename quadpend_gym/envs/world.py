@@ -81,7 +81,7 @@ class World:
             self._plant = plant_of(simulation)
             self._kernel: Any = run_rigid if self._plant.memory_size else run_euler
             self._plant_steps = 1  # of the kernel in a control period
-            self._run = self._kernel if num_threads == 1 else partial(run_in_threads, num_threads, self._kernel)
+            self._run: Any = self._kernel if num_threads == 1 else partial(run_in_threads, num_threads, self._kernel)
         else:
             self.schedule = autopilot = AutopilotRows(scenario.autopilot, scenario.loop, simulation, num_envs)
             self._plant, self._kernel, self._run = plant_of(autopilot.plant_simulation), run_rigid, autopilot.run

@@ -33,7 +33,9 @@ def export_onnx(policy: Policy, out: Path) -> None:
         """Apply an operation to a value and constants, and return the name of the result."""
         result = f"{operation.lower()}_{len(nodes)}"
         names = [f"{result}_{i}" for i in range(len(numbers))]
-        constants.extend(numpy_helper.from_array(np.float32(x), name) for x, name in zip(numbers, names, strict=True))
+        constants.extend(
+            numpy_helper.from_array(np.asarray(x, np.float32), name) for x, name in zip(numbers, names, strict=True)
+        )
         nodes.append(helper.make_node(operation, [value, *names], [result]))
         return result
 
@@ -52,11 +54,11 @@ def export_onnx(policy: Policy, out: Path) -> None:
         value = add("Clip", value, -card.bound, card.bound)
     action = add("Tanh", value) if card.squashed else add("Clip", value, -1.0, 1.0)
     inputs = len(policy.layers[0][0]) // (1 + len(card.input_scales))
-    ends = (
+    first, last = (
         [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", size])]
         for name, size in (("observation", inputs), (action, 4))
     )
-    graph = helper.make_graph(nodes, "policy", *ends, constants)
+    graph = helper.make_graph(nodes, "policy", first, last, constants)
     opset = helper.make_opsetid("", _OPSET)
     model = helper.make_model(graph, ir_version=_IR_VERSION, producer_name="quadpend", opset_imports=[opset])
     write_bytes(out, model.SerializeToString())
