@@ -36,7 +36,7 @@ def find_factory(name: str) -> Callable[..., Any]:
         sys.path.insert(0, os.getcwd())  # as with `python -m`; the installed command `quadpend` does not add it
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # the module may raise exceptions of any type
+    except (Exception, SystemExit) as error:  # the module may raise exceptions of any type, and end the program
         raise ValueError(
             f"the module of {name!r} cannot be imported from {os.getcwd()} or the installed packages:"
             f" {describe_error(error)}"

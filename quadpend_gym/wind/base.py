@@ -131,6 +131,8 @@ class WindFromFactory(Composite):
         """The models that the factory returns."""
         value = call_factory(self.kind, find_factory(self.kind))
         try:
+            if value is None:  # a forgotten `return`
+                raise ValueError("it returns None")
             return WINDS.parse(value)
         except ValueError as error:
             raise ValueError(f"{self.kind} must return a wind model: {error}") from error

@@ -63,3 +63,14 @@ def test_a_wind_needs_no_base_class() -> None:
     force = [env.step(np.zeros((3, 4)))[4]["disturbance"][:, 0] for _ in range(10)]
     assert_allclose(np.diff(force, axis=0), 0.01, rtol=1e-12)
     assert len(set(force[0])) == 3
+
+
+def test_a_factory_that_returns_nothing_and_a_module_that_ends_the_program_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    forgetful = write_module(tmp_path, monkeypatch, "def wind():\n    pass\n")
+    with pytest.raises(ValueError, match=f"{forgetful}:wind must return a wind model: it returns None"):
+        as_wind(f"{forgetful}:wind")
+    ending = write_module(tmp_path, monkeypatch, "import sys\nsys.exit(3)\n")
+    with pytest.raises(ValueError, match=f"the module of '{ending}:wind' cannot be imported .* SystemExit: 3"):
+        as_wind(f"{ending}:wind")
