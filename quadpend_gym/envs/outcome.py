@@ -15,7 +15,7 @@ The outcome has one column for each sub-environment. Vectors are in the world fr
 | DISTURBANCE    | d_Q, d_B, d_τ   | 10–18 | N, N·m | forces and torque during the step, drag included                |
 | AIR_VELOCITY   | v               | 19–21 | m/s    | velocity of the air                                             |
 | PARAMETERS     |                 | 22–30 | SI     | physical parameters, in the order of `Parameters`               |
-| COMMAND        | u, τφ, τθ, τψ   | 31–34 | N, N·m | thrust and torques that acted during the step                   |
+| COMMAND        | u, τφ, τθ, τψ   | 31–34 | N, N·m | mean thrust and torques during the step                         |
 | LOOP           |                 | 35–38 | s, 1   | drawn constants of the loop, which `World` writes               |
 
 An outcome array may have fewer rows; `step_kernel` writes the rows that exist.
@@ -52,7 +52,7 @@ class StepInfo:
 
     Args:
         air_velocity: Whether the info has ``air_velocity``, the velocity of the air, m/s, world frame.
-        command: Whether the info has ``command``, thrust (N) and torques (N·m) after the actuators.
+        command: Whether the info has ``command``, mean thrust (N) and torques (N·m) of the step.
         parameters: Whether the info has ``parameters``, the physical parameters in the order of `PARAMETER_NAMES`.
         loop: Whether the info has ``loop``, drawn values in the order of `LOOP_NAMES`: the latency in s, and factors.
     """
