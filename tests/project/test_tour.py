@@ -28,7 +28,7 @@ def test_the_tour_runs_cell_by_cell_from_make_to_a_comparison(
         exec(compile("# " + cell, cell.splitlines()[0], "exec"), names)
     printed = capsys.readouterr().out
     assert "leans 6" in printed
-    assert "| windy | hybrid | 100.0 [" in printed
+    assert "| windy | learned | 100.0 [" in printed
     with Image.open("tour/flying.png") as picture, Image.open("tour/windy.gif") as video:
         assert picture.size == (640, 480)
         assert video.n_frames > 40  # equal frames are merged
