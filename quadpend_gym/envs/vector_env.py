@@ -178,7 +178,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the window, if there is one, and end the processes of an autopilot."""
-        self.world.close()
+        if hasattr(self, "world"):  # Gymnasium 1.2 also closes what its constructor refused
+            self.world.close()
         if self.recorder is not None:
             self.recorder.close()
 
