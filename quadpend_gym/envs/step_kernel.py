@@ -153,6 +153,7 @@ def _run(
     sensed_lanes, state_lanes, action_lanes = buffer[_SENSED], buffer[_STATE:_ACTION], buffer[_ACTION:_REFERENCE]
     reference_lanes, point_lanes, time = buffer[_REFERENCE:_POINT], buffer[_POINT:_TIME], buffer[_TIME]
     observation_lanes = np.empty((OBSERVATION_SIZE, BLOCK), np.float32)
+    lost = np.empty(BLOCK)
     loop_lanes, age_lanes = np.empty((LOOP_SIZE, BLOCK)), np.empty((ages.shape[0], BLOCK), np.int16)
     if rigid is None:
         under_way = memory[:, layout.MEMORY_SIZE :]
@@ -208,7 +209,9 @@ def _run(
             for lane in range(lanes):
                 clock[first + lane] += 1
             for lane in range(lanes):
-                if has_diverged(state_lanes, lane) > 0.0:
+                lost[lane] = has_diverged(state_lanes, lane)
+            for lane in range(lanes):
+                if lost[lane] > 0.0:
                     diverged[first + lane] = True
                     for field in range(STATE_SIZE):
                         state_lanes[field, lane] = state[first + lane, field]

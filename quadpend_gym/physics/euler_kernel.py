@@ -71,26 +71,27 @@ DIVERGENCE_LIMIT = 1e6  # a state diverges when the sum of its absolute values r
 
 
 @inlined
-def acting(issued: Any, ages: Any, substep: int, lane: int) -> Four:
-    """Return the action that acts in a substep.
+def find_acting(issued: Any, ages: Any, substep: int, lanes: int, out: Any) -> None:
+    """Write the actions that act in a substep into a (4, lane) buffer.
+
+    Each loop is over lanes, so that the compiler can vectorise it.
 
     Args:
         issued: Actions of the last k control steps, the oldest first, in a (4 k, lane) buffer.
         ages: Control steps since the action that acts was issued, by substep and lane.
         substep: The substep.
-        lane: The lane.
+        lanes: The number of lanes.
+        out: The output.
     """
-    action, newest = load_four(issued, 0, lane), issued.shape[0] // ACTION_SIZE - 1
+    newest = issued.shape[0] // ACTION_SIZE - 1
+    for field in range(ACTION_SIZE):
+        for lane in range(lanes):
+            out[field, lane] = issued[ACTION_SIZE * newest + field, lane]
     for k in range(newest):
-        later = load_four(issued, ACTION_SIZE * (k + 1), lane)
-        acts = ages[substep, lane] < newest - k
-        action = Four(
-            select(acts, later.a, action.a),
-            select(acts, later.b, action.b),
-            select(acts, later.c, action.c),
-            select(acts, later.d, action.d),
-        )
-    return action
+        for field in range(ACTION_SIZE):
+            for lane in range(lanes):
+                before = issued[ACTION_SIZE * (newest - 1 - k) + field, lane]
+                out[field, lane] = select(ages[substep, lane] > k, before, out[field, lane])
 
 
 @inlined
@@ -175,19 +176,12 @@ def scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
 
 
 @inlined
-def add_mean(value: Four, number: int, lane: int, out: Any) -> None:
-    """Let the mean of the values 0 to `number` replace that of the values before, in the four rows of `out`.
-
-    The mean of equal values is exact.
-    """
-    if number == 0:
-        store_four(out, 0, lane, value)
-    else:
-        mean = load_four(out, 0, lane)
-        gap = Four(value.a - mean.a, value.b - mean.b, value.c - mean.c, value.d - mean.d)
-        share = 1.0 / (number + 1.0)
-        a, b, c, d = mean.a + share * gap.a, mean.b + share * gap.b, mean.c + share * gap.c, mean.d + share * gap.d
-        store_four(out, 0, lane, Four(a, b, c, d))
+def add_mean(value: Four, share: float, lane: int, out: Any) -> None:
+    """Move the mean in the four rows of `out` to a value by `share`; the mean of equal values is exact."""
+    mean = load_four(out, 0, lane)
+    gap = Four(value.a - mean.a, value.b - mean.b, value.c - mean.c, value.d - mean.d)
+    a, b, c, d = mean.a + share * gap.a, mean.b + share * gap.b, mean.c + share * gap.c, mean.d + share * gap.d
+    store_four(out, 0, lane, Four(a, b, c, d))
 
 
 @inlined
@@ -206,16 +200,20 @@ def integrate_euler(
 ) -> None:
     """Advance one block by a control period, in (field, lane) buffers; `state` has `LANE_STATE_SIZE` fields.
 
-    `issued` and `ages` are those of `acting`; the first row of `loops` has the factor of the thrust. The mean of thrust
-    (N) and torques (N·m) over the period is written into `command`.
+    `issued` and `ages` are those of `find_acting`; the first row of `loops` has the factor of the thrust. The mean of
+    thrust (N) and torques (N·m) over the period is written into `command`.
     """
+    acting = np.empty((ACTION_SIZE, state.shape[1]))
     for lane in range(lanes):
         store(state, THRUST_AXIS, lane, thrust_axis(load(state, EULER, lane)))
+        store_four(command, 0, lane, Four(0.0, 0.0, 0.0, 0.0))
     for substep in range(substeps):
+        find_acting(issued, ages, substep, lanes, acting)
+        share = 1.0 / (substep + 1.0)
         for lane in range(lanes):
-            wrench = commanded(acting(issued, ages, substep, lane), command_scale, loops[LOOP_THRUST, lane])
+            wrench = commanded(load_four(acting, 0, lane), command_scale, loops[LOOP_THRUST, lane])
             _substep(state, wrench, disturbance, physics, lane, period / substeps)
-            add_mean(wrench, substep, lane, command)
+            add_mean(wrench, share, lane, command)
 
 
 @compiled

@@ -42,7 +42,15 @@ from quadpend_gym.physics.attitude import (
 )
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import load_physics
-from quadpend_gym.physics.euler_kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, acting, add_mean, gather, scatter
+from quadpend_gym.physics.euler_kernel import (
+    BLOCK,
+    LANE_STATE_SIZE,
+    THRUST_AXIS,
+    add_mean,
+    find_acting,
+    gather,
+    scatter,
+)
 from quadpend_gym.physics.rigid_body import (
     LANE_BODY_SIZE,
     Loads,
@@ -239,18 +247,22 @@ def integrate_rigid(
 ) -> None:
     """Advance one block by a control period, in (field, lane) buffers; `state` has `RIGID_LANE_SIZE` fields.
 
-    `issued` and `ages` are those of `euler_kernel.acting`, `loops` has the numbers of `with_loop`. The mean of thrust
-    (N) and torques (N·m) of the rotors over the period is written into `command`.
+    `issued` and `ages` are those of `euler_kernel.find_acting`, `loops` has the numbers of `with_loop`. The mean of
+    thrust (N) and torques (N·m) of the rotors over the period is written into `command`.
     """
     for lane in range(lanes):
         add_drag(load(velocity, 0, lane), state, parameters, lane, disturbance)
         body = rigid_physics(load_physics(parameters, lane), rigid.correlation, rigid.pivot, rigid.shape)
         store_body(state, _BODY, lane, body)
         state[_MOMENTUM, lane] = 0.0
+        store_four(command, 0, lane, Four(0.0, 0.0, 0.0, 0.0))
+    acting = np.empty((ACTION_SIZE, state.shape[1]))
     h, has_momentum = period / substeps, rigid.rotors.momentum > 0.0
     for substep in range(substeps):
+        find_acting(issued, ages, substep, lanes, acting)
+        share = 1.0 / (substep + 1.0)
         for lane in range(lanes):
-            _prepare(state, acting(issued, ages, substep, lane), velocity, with_loop(rigid, loops, lane), lane)
+            _prepare(state, load_four(acting, 0, lane), velocity, with_loop(rigid, loops, lane), lane)
         if has_momentum:
             for lane in range(lanes):
                 start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
@@ -260,7 +272,7 @@ def integrate_rigid(
         for lane in range(lanes):
             physics, body = load_physics(parameters, lane), load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
             mean = _substep(state, disturbance, physics, body, with_loop(rigid, loops, lane), lane, h)
-            add_mean(mean, substep, lane, command)
+            add_mean(mean, share, lane, command)
     for lane in range(lanes):
         store_outputs(state, lane)
 
