@@ -22,9 +22,9 @@ from quadpend_train.policies.loading import load_policies
 
 PAGES = {"results": ((*results.LEARNED, *results.CLASSICAL), "test"), "flight": (flight.POLICIES, "flight")}
 EPISODES, MOVE = 2, 1e-9  # m, along each axis
-# Relative tolerance: the sum of two parts, and its upper limit. Networks have float32 actions; a relative error of 6e-8
-# in a few m/s² for 1 s moves a flight by about 100 nm, 100 times as far as `MOVE`.
-ROUNDING, AMPLIFICATION, LARGEST = 1e-6, 100.0, 0.01
+# Relative tolerance: the sum of two parts, and its upper limit. Networks have float32 actions, whose rounding moves a
+# flight further than `MOVE`: without AVX-512 by up to 300 times `moved`, seen in flight_circle with apg-flight.
+ROUNDING, AMPLIFICATION, LARGEST = 1e-6, 1000.0, 0.01
 VALUES = ["steps", "rmse", "settled_rmse", "largest_tilt", "effort"]
 
 
