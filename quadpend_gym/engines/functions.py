@@ -48,15 +48,13 @@ from quadpend_gym.tasks.observation import (
     observe_state,
     tracking_errors,
 )
-from quadpend_gym.tasks.references import REFERENCE_SIZE, ReferencePoint
+from quadpend_gym.tasks.references import POINT_SIZE, REFERENCE_SIZE, ReferencePoint
 from quadpend_gym.tasks.rewards import reward, reward_terms
 from quadpend_gym.tasks.task import Task
 from quadpend_gym.tasks.trajectories import reference_at
 from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
-
-POINT_SIZE = 24
 
 
 def actions_under_way(simulation: Simulation, ranges: LoopRanges | None = None) -> int:
