@@ -29,13 +29,13 @@ from quadpend_gym import engines
 from quadpend_gym.actuators import ActionDelay, GyroBias, MotorLag, PacketLoss, lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import CompiledFunction, columns, lift
-from quadpend_gym.engines.functions import POINT_SIZE
 from quadpend_gym.physics.dynamics import thrust_axis
 from quadpend_gym.physics.rigid_settings import LOOP_SIZE
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, EULER_RATE, STATE_SIZE
 from quadpend_gym.physics.vectors import load
 from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.tasks.task import Limits
 from quadpend_gym.tasks.trajectories import Reference
 from quadpend_gym.vehicles import Simulation

@@ -44,7 +44,6 @@ from quadpend_baselines.modelling.quantities import bob_offset, load_state
 from quadpend_gym import engines
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import columns, lift, vector
-from quadpend_gym.engines.functions import POINT_SIZE
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four
@@ -54,6 +53,7 @@ from quadpend_gym.tasks.observation import (
     OUTPUT_FEEDBACK_COLUMNS,
     REFERENCE_START,
 )
+from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_train.common.lifted_inputs import deviations_of, innovations_of, remembered_of
 
