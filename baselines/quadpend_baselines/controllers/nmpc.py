@@ -45,6 +45,7 @@ from quadpend_baselines.modelling.linear_model import (
     POSITION,
     STATE_COLUMNS,
     VELOCITY,
+    jacobian,
     limit_norm,
     rotate_state,
 )
@@ -59,7 +60,6 @@ _NO_PLAN = 10**9  # age of the plan at the start of an episode
 _MAX_STATE = 1e3  # SI units; a step to a larger state is a failure
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| in a plan
 _CONVERGED = 1e-3  # after a smaller change of all actions, no further step is taken
-_STEP = 1e-6  # of the finite differences
 _SOLVING = Lock()  # threads may share a controller, but CasADi's solvers and the graphs that they share have no locks
 
 
@@ -108,7 +108,7 @@ class Nmpc:
         Q = block_diag(state, np.zeros((self.size - MODEL_STATE_SIZE,) * 2))
         hover, zero = np.zeros((1, STATE_SIZE)), np.zeros((1, ACTION_SIZE))
         State(hover).direction[:, 2] = 1.0
-        slope = (plant.command(_STEP * np.eye(ACTION_SIZE)) - plant.command(zero)).T / _STEP
+        slope = jacobian(plant.command, zero)[0]
         R = slope.T @ command @ slope
         if self.simulation.interface == "body_rates":
             rates = self.simulation.command_scale[1:] / self.gains.feedback.angle_rate
@@ -163,14 +163,18 @@ class Nmpc:
 
         Differences of the simulation take less time than its derivatives as generated C.
         """
-        size, rows, moving = self.size, len(z), POSITION.stop  # f moves along with the position
-        offsets = np.vstack([np.zeros(size + ACTION_SIZE), _STEP * np.eye(size + ACTION_SIZE)[moving:]])
-        points = (np.hstack([z, action])[:, np.newaxis] + offsets).reshape(-1, size + ACTION_SIZE)
-        moved = self._moved(points[:, :size], points[:, size:].copy(), np.repeat(disturbance, len(offsets), axis=0))
-        moved = moved.reshape(rows, len(offsets), size)
-        slopes = np.swapaxes(moved[:, 1:] - moved[:, :1], 1, 2) / _STEP
-        A = np.concatenate([np.tile(np.eye(size, moving), (rows, 1, 1)), slopes[..., :-ACTION_SIZE]], axis=2)
-        return moved[:, 0], A, slopes[..., -ACTION_SIZE:]
+        size, moving = self.size, POSITION.stop  # f moves along with the position
+        points = np.hstack([z, action])
+
+        def moved(free: Floats) -> Floats:
+            flown = np.repeat(points, len(free) // len(points), axis=0)
+            flown[:, moving:] = free
+            under = np.repeat(disturbance, len(free) // len(points), axis=0)
+            return self._moved(flown[:, :size], flown[:, size:].copy(), under)
+
+        slopes = jacobian(moved, points[:, moving:])
+        A = np.concatenate([np.tile(np.eye(size, moving), (len(z), 1, 1)), slopes[..., :-ACTION_SIZE]], axis=2)
+        return self._moved(z, action, disturbance), A, slopes[..., -ACTION_SIZE:]
 
     def _moved(self, z: Floats, action: Floats, disturbance: Floats) -> Floats:
         """Return f(z, a, d̂) of n rows."""

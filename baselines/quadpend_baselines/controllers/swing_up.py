@@ -43,7 +43,7 @@ from quadpend_baselines.estimation.estimator import Estimate, measurement_from_o
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import SwingUpGains
 from quadpend_baselines.modelling.equivalent import equivalent_model
-from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, limit_norm, rotate
+from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, jacobian, limit_norm, rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
@@ -64,7 +64,6 @@ from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 # roll and pitch (rad), and the rates of the attitude (rad/s).
 _AT_REST = (0.15, 1.0, 0.5, 0.3, 0.15, 0.5)
 _UPRIGHT = 0.95  # vertical component of the thrust axis from which on the thrust has its full size
-_STEP = 1e-5  # of the central differences along the plan
 _LEAST_VERTICAL = 0.3  # lower bound of the vertical component of the thrust axis, and of the lift in units of g
 
 
@@ -224,15 +223,16 @@ def _linearise(states: Floats, actions: Floats, simulation: Simulation) -> tuple
 
     Rotors follow at once.
     """
-    size = STATE_SIZE + ACTION_SIZE
-    steps = _STEP * np.concatenate([np.eye(size), -np.eye(size)])
-    x = (states[:-1, np.newaxis] + steps[:, :STATE_SIZE]).reshape(-1, STATE_SIZE)
-    a = (actions[:, np.newaxis] + steps[:, STATE_SIZE:]).reshape(-1, ACTION_SIZE)
-    vehicle, parameters = simulation.vehicle, np.tile(simulation.parameters.as_array(), (len(x), 1))
+    vehicle = simulation.vehicle
     if vehicle.rotors is not None:
         vehicle = replace(vehicle, rotors=replace(vehicle.rotors, lag_up=0.0, lag_down=0.0))
     plant = plant_of(replace(simulation, vehicle=vehicle))
-    plant.advance(x, plant.initial_memory(x), a, np.zeros((len(x), DISTURBANCE_SIZE)), parameters)
-    plus, minus = np.split(x.reshape(len(actions), 2 * size, STATE_SIZE), 2, axis=1)
-    jacobian = np.swapaxes(plus - minus, 1, 2) / (2.0 * _STEP)
-    return jacobian[..., :STATE_SIZE], jacobian[..., STATE_SIZE:]
+
+    def moved(points: Floats) -> Floats:
+        x, action = (np.ascontiguousarray(part) for part in np.split(points, [STATE_SIZE], axis=1))
+        parameters = np.tile(simulation.parameters.as_array(), (len(x), 1))
+        plant.advance(x, plant.initial_memory(x), action, np.zeros((len(x), DISTURBANCE_SIZE)), parameters)
+        return x
+
+    slopes = jacobian(moved, np.hstack([states[:-1], actions]))
+    return slopes[..., :STATE_SIZE], slopes[..., STATE_SIZE:]

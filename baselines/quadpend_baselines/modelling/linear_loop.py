@@ -2,8 +2,8 @@
 
     (1)  x_{k+1} = A x_k + B u_k,   (e_k, y_k) = C x_k + D u_k
 
-`vehicle_model` returns (1) as a discrete `control.StateSpace`, with the control period, from the exact derivatives of
-the environment's step (`quadpend_gym.engines`). Its signals have names such as ``force[0]`` (docs/linear-model.md):
+`vehicle_model` returns (1) as a discrete `control.StateSpace`, with the control period, from differences of the
+environment's step (`quadpend_gym.engines`). Its signals have names such as ``force[0]`` (docs/linear-model.md):
 u is wind, noise and actions, e the tracking error, y the measurements, and x the vehicle with everything under way.
 
 Rate limits do not act on small deviations; random losses of commands and samples are left out. Everything is a
@@ -11,6 +11,7 @@ deviation from hover at ψ = 0 in still air, so the quadratic drag is left out. 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -20,12 +21,12 @@ import numpy as np
 from numpy.linalg import eigvals
 from scipy.optimize import brentq
 
-from quadpend_baselines.modelling.linear_model import EULER, EULER_RATE, MODEL_STATE_SIZE, STATE_COLUMNS
+from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE, STATE_COLUMNS, jacobian
 from quadpend_baselines.policy.protocol import select_rows
 from quadpend_gym import Simulation, engines
 from quadpend_gym.actuators import ActionDelay, MotorLag, lag_shares
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
+from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay, SampleHold
@@ -52,42 +53,45 @@ def _measured(scenario: Scenario) -> list[str]:
     return [name for name in _STATES if not name.startswith(hidden)]
 
 
-def _hover(side: float) -> Floats:
-    state = np.zeros((1, STATE_SIZE))
+def _at_hover(x: Floats, side: float) -> Floats:
+    """Return the states for deviations x from hover, shapes (n, 18) and (n, 16)."""
+    state = np.zeros((len(x), STATE_SIZE))
     State(state).direction[:, 2] = side
+    state[:, STATE_COLUMNS] += x
     return state
 
 
 def _observed(name: str, scenario: Scenario) -> tuple[Floats, Floats]:
     """Return a result of the observation at hover and its derivative with respect to x, shapes (k,) and (k, 16)."""
-    observe = engines.observation_function()
-    function = observe.factory("slope", observe.name_in(), [name, f"jac:{name}:state"])
-    point, parameters = np.zeros(observe.numel_in("point")), scenario.simulation.parameters.as_array()
-    value, slope = function(_hover(scenario.task.side)[0], parameters, point)
-    return value.full()[:, 0], slope.full()[:, STATE_COLUMNS]
+    observe, parameters = engines.observation_function(), scenario.simulation.parameters.as_array()
+    point = np.zeros(observe.numel_in("point"))
+
+    def observed(x: Floats) -> Floats:
+        out = observe(state=_at_hover(x, scenario.task.side).T, parameters=parameters, point=point)[name]
+        return np.asarray(out.full().T)
+
+    hover = np.zeros((1, MODEL_STATE_SIZE))
+    return observed(hover)[0], jacobian(observed, hover)[0]
 
 
 @lru_cache(maxsize=32)
 def _jacobians(simulation: Simulation, side: float) -> tuple[Floats, Floats, Floats]:
     """Return A, B of the action and B of the wind, with the latency of the simulation."""
-    step = engines.step_function(simulation)
-    results, arguments = ("next_state", "next_memory"), ("state", "memory", "action", "wind")
-    jacobian = step.factory("jacobian", step.name_in(), [f"jac:{f}:{x}" for f in results for x in arguments])
-    state, none = _hover(side), (np.zeros(ACTION_SIZE), np.zeros(WIND_SIZE))
-    memory = engines.initial_memory(simulation, state)
-    blocks = [block.full() for block in jacobian.call([state[0], memory[0], *none, simulation.parameters.as_array()])]
-    full = np.vstack([np.hstack(blocks[:4]), np.hstack(blocks[4:])])
-    # From x to state and memory, and back. Attitude and body rate of a rigid vehicle stand in its memory.
-    is_rigid = simulation.vehicle.attitude == "rigid"
-    rest = STATE_SIZE + (ROTOR_THRUST if is_rigid else 0)
-    size = STATE_SIZE + memory.shape[1]
-    back = np.eye(size)[np.r_[STATE_COLUMNS, rest:size]]
-    embed = back.T.copy()
-    if is_rigid:
-        embed[STATE_SIZE + QUATERNION + 1 :][:3, EULER] = 0.5 * np.eye(3)
-        embed[STATE_SIZE + BODY_RATE :][:3, EULER_RATE] = np.eye(3)
-    A, B = back @ full[:, :size] @ embed, back @ full[:, size:]
-    return A, B[:, :ACTION_SIZE], B[:, ACTION_SIZE:]
+    step, parameters = engines.step_function(simulation), simulation.parameters.as_array()
+    # Attitude and body rate of a rigid vehicle stand in its memory, too.
+    first = ROTOR_THRUST if simulation.vehicle.attitude == "rigid" else 0
+    states = MODEL_STATE_SIZE + step.size1_in("memory") - first
+
+    def moved(points: Floats) -> Floats:
+        x, action, wind = np.split(points, [states, states + ACTION_SIZE], axis=1)
+        state = _at_hover(x[:, :MODEL_STATE_SIZE], side)
+        memory = engines.initial_memory(simulation, state)
+        memory[:, first:] += x[:, MODEL_STATE_SIZE:]
+        following, after = (part.full().T for part in step(state.T, memory.T, action.T, wind.T, parameters))
+        return np.hstack([following[:, STATE_COLUMNS], after[:, first:]])
+
+    blocks = np.split(jacobian(moved, np.zeros((1, states + ACTION_SIZE + WIND_SIZE)))[0], [states, states + 4], axis=1)
+    return blocks[0], blocks[1], blocks[2]
 
 
 def _register(steps: int, size: int, period: float) -> Any:
@@ -98,19 +102,22 @@ def _register(steps: int, size: int, period: float) -> Any:
 
 
 def vehicle_model(scenario: Scenario) -> Any:
-    """Return the model (1) of a scenario: its vehicle, interface, latency, actuators and sensors at hover."""
+    """Return the model (1) of a scenario: its vehicle, interface, latency, actuators and sensors at hover.
+
+    A delay of the actions by whole control steps adds to the latency, since delays and lags commute.
+    """
     if is_slower(scenario):
         raise ValueError("a sensor that is slower than the control loop has no linear model of one control period")
     period, measured, one = scenario.period, _measured(scenario), np.eye(ACTION_SIZE)
-    steps = sum(model.steps for model in scenario.actuators if isinstance(model, ActionDelay))
-    actuators = _register(steps, ACTION_SIZE, period)
-    names = _names(**{f"action_delay_{i + 1}": ACTION_SIZE for i in range(steps)})
+    actuators, names = _register(0, ACTION_SIZE, period), []
     for model in scenario.actuators:
         if isinstance(model, MotorLag):
             mean, left = lag_shares(period / model.time_constant)
             actuators = control.ss(left * one, (1.0 - left) * one, mean * one, (1.0 - mean) * one, period) * actuators
             names += _names(lag=ACTION_SIZE)
-    A, B_action, B_wind = _jacobians(scenario.simulation, scenario.task.side)
+    late = period * sum(model.steps for model in scenario.actuators if isinstance(model, ActionDelay))
+    simulation = replace(scenario.simulation, latency=scenario.simulation.latency + late)
+    A, B_action, B_wind = _jacobians(simulation, scenario.task.side)
     C = np.vstack([_observed("tracking_error", scenario)[1], np.eye(MODEL_STATE_SIZE)[np.isin(_STATES, measured)]])
     C = np.pad(C, ((0, 0), (0, len(A) - MODEL_STATE_SIZE)))
     system = control.ss(A, np.hstack([B_wind, B_action]), C, 0.0, period)

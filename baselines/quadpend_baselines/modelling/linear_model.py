@@ -14,6 +14,7 @@ The model leaves out the vertical force on the bob because measurements cannot d
 the quadrotor.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,7 +49,7 @@ PENDULUM, PENDULUM_RATE = slice(12, 14), slice(14, 16)  # r_x r_y, ṙ_x ṙ_y
 DISTURBANCE_COLUMNS = np.r_[FORCE : FORCE + 3, BOB_FORCE : BOB_FORCE + 2, TORQUE : TORQUE + 3]
 MODEL_DISTURBANCE_SIZE = DISTURBANCE_COLUMNS.size
 MODEL_FORCE, MODEL_BOB_FORCE, MODEL_TORQUE = slice(0, 3), slice(3, 5), slice(5, 8)
-_STEP = 1e-4  # step of the central differences; their error is of order 1e-8
+_STEP = 1e-4  # of the central differences; their error is of order 1e-8
 
 
 class LinearModel(NamedTuple):
@@ -59,26 +60,33 @@ class LinearModel(NamedTuple):
     disturbance: Floats
 
 
+def jacobian(function: Callable[[Floats], Floats], points: Floats) -> Floats:
+    """Return the derivatives of a function at n points, shape (n, m, k), by central differences.
+
+    Every linear model of a flight is made here. The function takes any number of points as rows of k numbers, and
+    returns rows of m numbers.
+    """
+    rows, size = points.shape
+    steps = _STEP * np.concatenate([np.eye(size), -np.eye(size)])
+    values = function((points[:, np.newaxis] + steps).reshape(-1, size))
+    plus, minus = np.split(values.reshape(rows, 2 * size, -1), 2, axis=1)
+    return np.swapaxes((plus - minus) / (2.0 * _STEP), 1, 2)
+
+
 def linearise(simulation: Simulation) -> LinearModel:
-    """Return the model (1) over one control period, from central differences of `kernel.advance`.
+    """Return the model (1) over one control period.
 
     The model of a rigid vehicle is that of `RigidPlant.advance` without the lag of the rotors and without
     latency; its torques are about the axes of the body, and its pivot and drag are those of the vehicle.
     """
-    sizes = (MODEL_STATE_SIZE, COMMAND_SIZE, MODEL_DISTURBANCE_SIZE)
-    steps = _STEP * np.concatenate([np.eye(sum(sizes)), -np.eye(sum(sizes))])
-    x, command, model_disturbance = np.split(steps, np.cumsum(sizes)[:-1], axis=1)
-    state = np.zeros((len(steps), STATE_SIZE))
-    State(state).direction[:, 2] = 1.0
-    state[:, STATE_COLUMNS] += x
-    command[:, THRUST] += simulation.parameters.hover_thrust
-    disturbance = np.zeros((len(steps), DISTURBANCE_SIZE))
-    disturbance[:, DISTURBANCE_COLUMNS] = model_disturbance
-    parameters = np.tile(simulation.parameters.as_array(), (len(steps), 1))
-    plant_of(simulation).advance_under(command, state, disturbance, parameters)
-    plus, minus = np.split(state[:, STATE_COLUMNS], 2)
-    jacobian = ((plus - minus) / (2.0 * _STEP)).T
-    return LinearModel(*np.split(jacobian, np.cumsum(sizes)[:-1], axis=1))
+    hover = simulation.parameters.hover_thrust * np.eye(COMMAND_SIZE)[THRUST]
+
+    def moved(x: Floats, command: Floats, disturbance: Floats) -> Floats:
+        state, *given = _at_hover(x, disturbance, simulation)
+        plant_of(simulation).advance_under(hover + command, state, *given)
+        return state[:, STATE_COLUMNS]
+
+    return _model(moved, MODEL_STATE_SIZE, COMMAND_SIZE)
 
 
 def linearise_actions(simulation: Simulation) -> LinearModel:
@@ -87,19 +95,32 @@ def linearise_actions(simulation: Simulation) -> LinearModel:
     For a rigid vehicle the thrusts of the rotors follow x; without rotors these are thrust and torques.
     """
     plant = plant_of(simulation)
-    sizes = (MODEL_STATE_SIZE, ACTION_SIZE if plant.memory_size else 0, ACTION_SIZE, MODEL_DISTURBANCE_SIZE)
-    steps = _STEP * np.concatenate([np.eye(sum(sizes)), -np.eye(sum(sizes))])
-    x, thrusts, action, model_disturbance = np.split(steps, np.cumsum(sizes)[:-1], axis=1)
-    state, disturbance = np.zeros((len(steps), STATE_SIZE)), np.zeros((len(steps), DISTURBANCE_SIZE))
+
+    def moved(x: Floats, action: Floats, disturbance: Floats) -> Floats:
+        state, *given = _at_hover(x, disturbance, simulation)
+        memory = plant.initial_memory(state)
+        memory[:, ROTOR_THRUST:] += x[:, MODEL_STATE_SIZE:]
+        plant.advance(state, memory, action, *given)
+        return np.hstack([state[:, STATE_COLUMNS], memory[:, ROTOR_THRUST:]])
+
+    return _model(moved, MODEL_STATE_SIZE + (ACTION_SIZE if plant.memory_size else 0), ACTION_SIZE)
+
+
+def _at_hover(x: Floats, model_disturbance: Floats, simulation: Simulation) -> tuple[Floats, Floats, Floats]:
+    """Return the states, disturbances and parameters of deviations from hover."""
+    state, disturbance = np.zeros((len(x), STATE_SIZE)), np.zeros((len(x), DISTURBANCE_SIZE))
     State(state).direction[:, 2] = 1.0
-    state[:, STATE_COLUMNS] += x
+    state[:, STATE_COLUMNS] += x[:, :MODEL_STATE_SIZE]
     disturbance[:, DISTURBANCE_COLUMNS] = model_disturbance
-    memory, parameters = plant.initial_memory(state), np.tile(simulation.parameters.as_array(), (len(steps), 1))
-    memory[:, ROTOR_THRUST:] += thrusts
-    plant.advance(state, memory, np.ascontiguousarray(action), disturbance, parameters)
-    plus, minus = np.split(np.hstack([state[:, STATE_COLUMNS], memory[:, ROTOR_THRUST:]]), 2)
-    jacobian = ((plus - minus) / (2.0 * _STEP)).T
-    return LinearModel(*np.split(jacobian, [sum(sizes[:2]), sum(sizes[:3])], axis=1))
+    return state, disturbance, np.tile(simulation.parameters.as_array(), (len(x), 1))
+
+
+def _model(moved: Callable[[Floats, Floats, Floats], Floats], states: int, inputs: int) -> LinearModel:
+    """Return the model (1) of x after a control period as a function of x, u and d."""
+    ends = states, states + inputs
+    point = np.zeros((1, states + inputs + MODEL_DISTURBANCE_SIZE))
+    slopes = jacobian(lambda points: moved(*map(np.ascontiguousarray, np.split(points, ends, axis=1))), point)[0]
+    return LinearModel(*np.split(slopes, ends, axis=1))
 
 
 def rotate_state(x: Floats, yaw: Floats) -> Floats:

@@ -1,9 +1,9 @@
 """The optimal flight of an episode that is known in advance: direct multiple shooting, solved by IPOPT.
 
-With the states x_k and the actions a_k (after their delay) of all N control steps of an episode as variables:
+With the states x_k and the actions a_k of all N control steps of an episode as variables:
 
     (1)  minimise    1/N Σ_{k=1}^{N} |e_k|² + 1/N Σ_{k=0}^{N−1} Σ_i ρ_i a_{k,i}²
-    (2)  subject to  x_0 given,   x_{k+1} = f(x_k, a_k, w_k, p),   −1 ≤ a_k ≤ 1,   a_k = 0 during the delay
+    (2)  subject to  x_0 given,   x_{k+1} = f(x_k, a_k, w_k, p),   −1 ≤ a_k ≤ 1
     (3)              r_z ≥ cos α_max,   cos φ cos θ ≥ cos γ_max,   |e_k| ≤ e_max,   z ≥ z_ground
 
 e_k is the tracking error, f one control step of the environment (`Plant`), w_k the wind over it, p the parameters, and
@@ -13,7 +13,7 @@ the yaw and on changes of the torques within a few control periods. The problem 
 optimum.
 
 The state x of the plant is the state of the environment (`quadpend_gym.physics.state`), followed by the memory of
-`engines.step_function` and the memories y of the lags, four numbers each.
+`engines.step_function`, which contains the actions under way.
 """
 
 from typing import Any, NamedTuple
@@ -22,9 +22,9 @@ import casadi as ca
 import numpy as np
 
 from quadpend_gym import Simulation
-from quadpend_gym.actuators import lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import initial_memory, lift, step_function
+from quadpend_gym.engines.functions import actions_under_way
 from quadpend_gym.physics.dynamics import thrust_axis
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.physics.vectors import Vec3
@@ -70,61 +70,41 @@ def tracked_point(state: Floats, parameters: Floats) -> Floats:
 class Plant(NamedTuple):
     """What determines the motion in a scenario, besides start, parameters and wind."""
 
-    simulation: Simulation  # the vehicle
+    simulation: Simulation  # the vehicle with its latency; hover acts before the first action does
     moves_air: bool = False  # see `engines.step_function`
-    lags: tuple[float, ...] = ()  # time constants of the first-order lags through which the action passes, s
-    delay: int = 0  # control steps from an action to the moment when it acts; hover acts before
 
     @property
     def state_size(self) -> int:
         """Size of x."""
-        return STATE_SIZE + self._memory_size + ACTION_SIZE * len(self.lags)
-
-    @property
-    def _memory_size(self) -> int:
-        return int(step_function(self.simulation, self.moves_air).size1_in("memory"))
+        return STATE_SIZE + int(step_function(self.simulation, self.moves_air).size1_in("memory"))
 
     def step(self) -> tuple[Any, Any, Any, Any]:
         """Return the symbols x, a and q and the expression of x after a control period.
 
-        a is the action after its delay, shape (4, 1), and q wind and parameters, shape (21, 1).
+        a is the action that the policy sends, shape (4, 1), and q wind and parameters, shape (21, 1).
         """
         x, a, q = (ca.SX.sym("x", size) for size in (self.state_size, ACTION_SIZE, KNOWN_SIZE))
-        action, memories, first = a, [], STATE_SIZE + self._memory_size
-        for i, time_constant in enumerate(self.lags):
-            lagged = x[first + ACTION_SIZE * i : first + ACTION_SIZE * (i + 1)]
-            action, memory = _lagged(action, lagged, self.simulation.period / time_constant)
-            memories.append(memory)
-        arguments = x[:STATE_SIZE], x[STATE_SIZE:first], action, q[:WIND_SIZE], q[WIND_SIZE:]
-        return x, a, q, ca.vertcat(*step_function(self.simulation, self.moves_air)(*arguments), *memories)
+        arguments = x[:STATE_SIZE], x[STATE_SIZE:], a, q[:WIND_SIZE], q[WIND_SIZE:]
+        return x, a, q, ca.vertcat(*step_function(self.simulation, self.moves_air)(*arguments))
 
     def memories(self, states: Floats, actions: Floats) -> Floats:
-        """Return what follows the states, shape (N + 1, 18), in x, for the N actions after the delay, shape (N, 4).
+        """Return what follows the states, shape (N + 1, 18), in x, for N actions, shape (N, 4).
 
         The thrusts of rotors are those at hover.
         """
-        columns, inputs = [initial_memory(self.simulation, states)], actions
-        for time_constant in self.lags:
-            ratio, memory = self.simulation.period / time_constant, np.zeros((len(inputs) + 1, ACTION_SIZE))
-            outputs = np.empty_like(inputs)
-            for k, action in enumerate(inputs):
-                outputs[k], memory[k + 1] = _lagged(action, memory[k], ratio)
-            inputs = outputs
-            columns.append(memory)
-        return np.hstack(columns)
-
-
-def _lagged(action: Any, memory: Any, ratio: float) -> tuple[Any, Any]:
-    """Return the mean action after a lag and its memory y after the period; `ratio` is period over time constant."""
-    (mean, left), gap = lag_shares(ratio), memory - action
-    return action + mean * gap, action + left * gap
+        late = actions_under_way(self.simulation)
+        out, sent = initial_memory(self.simulation, states), np.vstack([np.zeros((late, ACTION_SIZE)), actions])
+        for k in range(late):
+            first = out.shape[1] - ACTION_SIZE * (late - k)
+            out[:, first : first + ACTION_SIZE] = sent[k : k + len(states)]
+        return out
 
 
 class Solution(NamedTuple):
     """The solution of (1)–(3), or the last iterate if IPOPT found none."""
 
     states: Floats  # states of the plant, shape (N + 1, n)
-    actions: Floats  # actions after the delay, shape (N, 4), in [−1, 1]
+    actions: Floats  # shape (N, 4), in [−1, 1]
     rmse: float  # root mean square of the tracking error, m
     status: str  # return status of IPOPT, "Solve_Succeeded" at an optimum
     iterations: int  # iterations of IPOPT
@@ -152,13 +132,12 @@ class Transcription:
         self._solver = _solver(stage, steps)
 
     def guess(self, flight: Flight, episode: KnownEpisode) -> tuple[Floats, Floats]:
-        """Return states of the plant and actions after the delay to begin with, from a flight that may end early.
+        """Return states of the plant and actions to begin with, from a flight that may end early.
 
         After the end of the flight they are those of an upright pole at the reference.
         """
         actions = np.zeros((self.steps, ACTION_SIZE))
-        delayed = flight.actions[: max(len(flight.actions) - self.plant.delay, 0)]
-        actions[self.plant.delay : self.plant.delay + len(delayed)] = delayed
+        actions[: len(flight.actions)] = flight.actions
         states = np.zeros((self.steps + 1, STATE_SIZE))
         states[1:, STATE_FIELDS["position"]] = episode.target
         states[1:, STATE_FIELDS["velocity"]] = np.gradient(episode.target, self.plant.simulation.period, axis=0)
@@ -169,7 +148,7 @@ class Transcription:
     def solve(self, episode: KnownEpisode, states: Floats, actions: Floats) -> Solution:
         """Return the optimal flight of an episode of N control steps.
 
-        `states`, shape (N + 1, n), and `actions` after the delay, shape (N, 4), are those to begin with.
+        `states`, shape (N + 1, n), and `actions`, shape (N, 4), are those to begin with.
         """
         first = np.hstack([states, np.vstack([actions, np.zeros(ACTION_SIZE)])])
         lowest, highest = self._bounds(episode.start)
@@ -212,7 +191,7 @@ class Transcription:
         lowest[:, size:], highest[:, size:] = -1.0, 1.0
         for fixed in (lowest, highest):
             fixed[0, :size] = np.hstack([start, self.plant.memories(start[np.newaxis], np.zeros((0, ACTION_SIZE)))[0]])
-            fixed[: self.plant.delay, size:] = fixed[-1, size:] = 0.0
+            fixed[-1, size:] = 0.0
         return lowest, highest
 
 

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_gym import QuadPendulumVectorEnv, Simulation
-from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.envs.outcome import TRACKING_ERROR
 from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
 
@@ -19,13 +18,14 @@ from quadpend_baselines.planning.transcription import (  # noqa: E402
 )
 
 STEPS = 25
+PLANT = Plant(Simulation(latency=0.015), moves_air=True)
 WIND = [Dryden("severe"), OrnsteinUhlenbeck(force=0.3, bob_force=0.1, torque=0.05)]
 
 
 def make():  # type: ignore[no-untyped-def]
     """One sub-environment with drag, forces, a torque and its own parameters, whose episode outlasts the flight."""
-    parts = {"wind": WIND, "parameters": {"share": 0.3}, "actuators": [ActionDelay(2), MotorLag(0.02)]}
-    return QuadPendulumVectorEnv(1, max_episode_steps=STEPS + 1, **parts)
+    parts = {"wind": WIND, "parameters": {"share": 0.3}}
+    return QuadPendulumVectorEnv(1, max_episode_steps=STEPS + 1, latency=PLANT.simulation.latency, **parts)
 
 
 def known_episode(env, seed: int) -> KnownEpisode:  # type: ignore[no-untyped-def]
@@ -56,29 +56,25 @@ def fly(env, seed: int, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  
 
 
 def test_a_step_of_the_plant_is_a_step_of_the_environment() -> None:
-    """The environment rounds the actions that pass its actuators to float32."""
-    env, plant = make(), Plant(Simulation(), moves_air=True, lags=(0.02,), delay=2)
-    episode, actions = known_episode(env, 3), np.random.default_rng(1).uniform(-1.0, 1.0, (STEPS, 4))
+    env, actions = make(), np.random.default_rng(1).uniform(-1.0, 1.0, (STEPS, 4)).astype(np.float32)
+    episode = known_episode(env, 3)
     flown, _ = fly(env, 3, actions)
-    acting = np.vstack([np.zeros((plant.delay, 4)), actions[: STEPS - plant.delay]])
-    states = np.hstack([flown, plant.memories(flown, acting)])
-    x, a, q, y = plant.step()
+    states = np.hstack([flown, PLANT.memories(flown, actions)])
+    x, a, q, y = PLANT.step()
     known = np.hstack([episode.wind, np.tile(episode.parameters, (STEPS, 1))])
-    moved = np.array(ca.Function("step", [x, a, q], [y])(states[:-1].T, acting.T, known.T)).T
+    moved = np.array(ca.Function("step", [x, a, q], [y])(states[:-1].T, actions.T, known.T)).T
     assert_allclose(moved, states[1:], rtol=1e-6, atol=1e-6)
 
 
 def test_an_optimal_flight_is_flown_by_the_environment_as_planned() -> None:
-    env, plant = make(), Plant(Simulation(), moves_air=True, lags=(0.02,), delay=2)
+    env = make()
     limits = env.world.task.limits
-    episode, problem = known_episode(env, 5), Transcription(plant, limits, STEPS)
+    episode, problem = known_episode(env, 5), Transcription(PLANT, limits, STEPS)
     nothing = Flight(episode.start[np.newaxis], np.zeros((0, 4)))
     solution = problem.solve(episode, *problem.guess(nothing, episode))
     assert solution.status == "Solve_Succeeded"
     assert np.abs(solution.actions).max() <= 1.0
-    assert np.all(solution.actions[: plant.delay] == 0.0)
     assert np.all(solution.states[:, 14] >= np.cos(limits.pendulum_angle))
 
-    sent = np.vstack([solution.actions[plant.delay :], np.zeros((plant.delay, 4))])
-    _, errors = fly(env, 5, sent)
+    _, errors = fly(env, 5, solution.actions)
     assert np.sqrt(np.mean(np.sum(errors**2, axis=1))) == pytest.approx(solution.rmse, abs=1e-6)
