@@ -53,7 +53,7 @@ class AdrcGains:
 
 @settings
 class EstimatorGains:
-    """Noise levels of the Kalman filter of `estimation.estimator`; in steady state only their ratios matter.
+    """Noise levels of the Kalman filter of `estimation.kalman`; in steady state only their ratios matter.
 
     They are tuned together with the gains of the controller.
     """
@@ -64,7 +64,7 @@ class EstimatorGains:
     rate_noise: Positive = 1e-2  # standard deviation of measured rates, per second
     force_walk: NotNegative = 3.0  # random walk of the force on the quadrotor, N/√s
     bob_force_walk: NotNegative = 0.1  # random walk of the force on the bob, N/√s
-    gust_walk: NotNegative = 0.0  # N/√s, `bob_force_walk` in strong wind, see `estimation.estimator`; 0: the same
+    gust_walk: NotNegative = 0.0  # N/√s, `bob_force_walk` in strong wind, see `estimation.kalman`; 0: the same
     torque_walk: NotNegative = 0.1  # random walk of the torque, N·m/√s
     torque_noise: NotNegative = 0.0  # white noise of the torque, N·m·√s; it is larger than that of any wind
     models_loop: bool = False  # whether the gain is designed with the rate loop and the lag of the rotors

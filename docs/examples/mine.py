@@ -6,7 +6,7 @@ quadpend evaluate mine:MyController flatness adrc-paper --scenarios calm windy
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from quadpend_baselines.estimation.estimator import measurement_from_observation
+from quadpend_baselines.estimation.measurement import measurement_from_observation
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise, rotate, rotate_state
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.controllers.output_feedback import ControlLaw
-from quadpend_baselines.estimation.estimator import LOOP, Estimate
+from quadpend_baselines.estimation.estimate import LOOP, Estimate
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import Hybrid
 from quadpend_baselines.modelling.equivalent import equivalent_model

@@ -32,7 +32,7 @@ and the tangents r_xy/r_z and b_xy/b_z take the places of r_xy and n, so that (1
 and torques in the known inputs of the observers are then those that make the accelerations of the nominal model over
 the period, in which rotors and on-board loop follow the action that acts.
 
-Over the known delays and lags of the loop, and over the latency, `estimation.estimator` carries the measured state
+Over the known delays and lags of the loop, and over the latency, `estimation.prediction` carries the measured state
 forward, with the rates and the disturbance of the observers and the commands under way. The observers' states change as
 the chains of the state do (`estimation.chains`). Equations (3) to (5) then give the command for the predicted state.
 """
@@ -64,26 +64,28 @@ from quadpend_baselines.estimation.chains import (
     state_from_chains,
     tilt_rate_of,
 )
-from quadpend_baselines.estimation.estimator import (
+from quadpend_baselines.estimation.estimate import (
     AGE,
-    BUFFER_SIZE,
     LOOP,
     MASS_RATIO,
     REFERENCE,
     RIGID_PART,
+    is_bounded,
+    law_inputs,
+    store_attitude,
+)
+from quadpend_baselines.estimation.estimate import DISTURBANCE as PLANT_DISTURBANCE
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.measurement import measure
+from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, design_observers, update_observers
+from quadpend_baselines.estimation.prediction import (
+    BUFFER_SIZE,
     Prediction,
     advance,
     carry_forward,
-    is_bounded,
-    law_inputs,
     load_action,
-    measure,
-    store_attitude,
     unpack_loop,
 )
-from quadpend_baselines.estimation.estimator import DISTURBANCE as PLANT_DISTURBANCE
-from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, design_observers, update_observers
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
@@ -126,7 +128,7 @@ _MAX_STATE = 1e3  # a predicted state beyond it is not used
 _MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
 # First fields of the memory, an array of shape (n, k): states of the observers; thrust (N) and torques (N·m) that act
 # after the latest observation; the action; the observation without rates. For rigid vehicles, and in a loop with known
-# delays or lags, two estimates follow (`estimation.estimator`): the latest measured state, and this one a control
+# delays or lags, two estimates follow (`estimation.prediction`): the latest measured state, and this one a control
 # period later, predicted. The thrust and the torques are then the mean ones that the nominal model predicts.
 COMMAND, ACTION, OBSERVED = OBSERVERS_SIZE, OBSERVERS_SIZE + 4, OBSERVERS_SIZE + 8
 PLANT = OBSERVED + OUTPUT_FEEDBACK_SIZE

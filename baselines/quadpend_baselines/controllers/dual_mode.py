@@ -23,7 +23,7 @@ import numpy as np
 
 from quadpend_baselines.controllers.flatness import flatness
 from quadpend_baselines.controllers.lqr import deviation, feedback, riccati
-from quadpend_baselines.estimation.estimator import Estimate, law_inputs
+from quadpend_baselines.estimation.estimate import Estimate, law_inputs
 from quadpend_baselines.gains import DualModeGains
 from quadpend_baselines.modelling.equivalent import Pendulum, equivalent_model, unpack_pendulum
 from quadpend_baselines.modelling.linear_model import model_state

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.estimation.estimator import Estimate, law_inputs
+from quadpend_baselines.estimation.estimate import Estimate, law_inputs
 from quadpend_baselines.gains import FlatnessGains
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,

@@ -12,7 +12,7 @@ at hover, so that √ρ (`effort`) weighs commands and thrusts. a_d follows the 
 predicted to the time when the action begins to act, through the known latency: for a known delay this is the optimal
 feedback of the delayed actions.
 
-The Kalman filter is `estimation.estimator` with the same linear model: its noise is that of the sensors, and the forces
+The Kalman filter is `estimation.kalman` with the same linear model: its noise is that of the sensors, and the forces
 of the wind are random walks as strong as the assumed wind, σ √(2/τ) for its standard deviation σ and time constant τ.
 `torque_noise` is a white noise of the torque that no wind makes. It bounds the delay margin from below, together with
 ρ: LQG guarantees none (Doyle, IEEE Transactions on Automatic Control 23(4), 1978), and with more of both the loop
@@ -29,7 +29,7 @@ from scipy.linalg import solve_discrete_are
 from quadpend_baselines.controllers.dual_mode import near_share
 from quadpend_baselines.controllers.flatness import flatness
 from quadpend_baselines.controllers.lqr import deviation, output_matrix
-from quadpend_baselines.estimation.estimator import MASS_RATIO, RIGID_PART, Estimate, law_inputs
+from quadpend_baselines.estimation.estimate import MASS_RATIO, RIGID_PART, Estimate, law_inputs
 from quadpend_baselines.gains import LqgGains
 from quadpend_baselines.modelling.equivalent import equivalent_model, unpack_pendulum
 from quadpend_baselines.modelling.linear_model import (

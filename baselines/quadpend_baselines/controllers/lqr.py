@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
-from quadpend_baselines.estimation.estimator import Estimate, law_inputs
+from quadpend_baselines.estimation.estimate import Estimate, law_inputs
 from quadpend_baselines.gains import LqrGains
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,

@@ -7,7 +7,7 @@ At every control step the law improves a plan of states z and actions a over H p
 
 f is the simulation of the vehicle with its interface, rate loop and rotor lag, under the estimated disturbance d̂, which
 is taken as constant. z is the state of `linear_model`, followed by the thrusts of the rotors of a rigid vehicle. ẑ is
-the predicted state when the action begins to act, after the latency (`estimation.estimator`). z_d and a_d follow the
+the predicted state when the action begins to act, after the latency (`estimation.prediction`). z_d and a_d follow the
 trajectory of `modelling.equivalent` under d̂. Q has the tolerances of `lqr`, in the axes of the heading, R those of
 thrust and torques, or of body rates, and P solves the Riccati equation at hover. So the law is an LQR near the
 reference, and far from it the law takes the limits and the nonlinear motion into account.
@@ -37,7 +37,7 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from quadpend_baselines.controllers.lqr import weights
 from quadpend_baselines.controllers.reference_horizon import reference_horizon
-from quadpend_baselines.estimation.estimator import Estimate
+from quadpend_baselines.estimation.estimate import Estimate
 from quadpend_baselines.gains import NmpcGains
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import (

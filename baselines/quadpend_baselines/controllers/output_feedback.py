@@ -1,4 +1,4 @@
-"""Output feedback: a control law that uses the state and disturbance estimates of `estimation.estimator`."""
+"""Output feedback: a control law that uses the state and disturbance estimates of `estimation.kalman`."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
@@ -11,8 +11,10 @@ from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.nmpc import Nmpc
-from quadpend_baselines.estimation.estimator import Estimate, Estimator, measurement_from_observation, observation_of
+from quadpend_baselines.estimation.estimate import Estimate
+from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.measurement import observation_of
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
@@ -70,13 +72,12 @@ class OutputFeedback(Controller):
         self, observation: Floats32, state: OutputFeedbackMemory | None, episode_start: Any
     ) -> OutputFeedbackMemory:
         """Update the estimates with new observations, shape (n, 36), or (n, 27) without velocities."""
-        measurement = measurement_from_observation(observation, self.simulation.parameters.rod_length)
         rows = len(observation)
         if state is None:
-            estimate, none = self.estimator.observe(measurement), np.zeros((rows, ACTION_SIZE), np.float32)
+            estimate, none = self.estimator.observe(observation), np.zeros((rows, ACTION_SIZE), np.float32)
             return OutputFeedbackMemory(estimate, self._law.initial_memory(rows), none)
         started = None if episode_start is None else episode_start_mask(episode_start, False, rows)
-        estimate = self.estimator.observe(measurement, state.estimate, state.action, started)
+        estimate = self.estimator.observe(observation, state.estimate, state.action, started)
         law_memory, action = state.law_memory, state.action
         if started is not None and started.any():
             initial = self._law.initial_memory(rows), np.zeros_like(action)

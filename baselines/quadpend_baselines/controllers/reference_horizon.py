@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.estimation.estimator import Estimate
+from quadpend_baselines.estimation.estimate import Estimate
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats

@@ -39,8 +39,9 @@ from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback, OutputFeedbackMemory
 from quadpend_baselines.controllers.swing_up_plans import PLANS
 from quadpend_baselines.controllers.vehicle_gains import gains_for
-from quadpend_baselines.estimation.estimator import Estimate, measurement_from_observation
+from quadpend_baselines.estimation.estimate import Estimate
 from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.measurement import measurement_from_observation
 from quadpend_baselines.gains import SwingUpGains
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, jacobian, limit_norm, rotate

@@ -11,14 +11,8 @@ All chains are relative to the reference.
 
 from typing import Any, NamedTuple
 
-from quadpend_baselines.estimation.estimator import (
-    ATTITUDE,
-    DIRECTION,
-    TRACKING_ERROR,
-    project_direction,
-    read_reference,
-    scaled_vector,
-)
+from quadpend_baselines.estimation.estimate import project_direction
+from quadpend_baselines.estimation.measurement import ATTITUDE, DIRECTION, TRACKING_ERROR, read_reference, scaled_vector
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     chain_stiffness,

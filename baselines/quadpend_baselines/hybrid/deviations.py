@@ -22,7 +22,7 @@ from functools import lru_cache
 import numpy as np
 
 from quadpend_baselines.controllers.lqg import Lqg, evaluate
-from quadpend_baselines.estimation.estimator import MASS_RATIO, Estimate, law_inputs
+from quadpend_baselines.estimation.estimate import MASS_RATIO, Estimate, law_inputs
 from quadpend_baselines.modelling.linear_model import (
     MODEL_BOB_FORCE,
     MODEL_DISTURBANCE_SIZE,

@@ -16,7 +16,7 @@ Source: Zhou, Doyle and Glover, Robust and optimal control, 1996, section 12.3.
 
 import numpy as np
 
-from quadpend_baselines.estimation.estimator import INNOVATION, STATE, Estimate
+from quadpend_baselines.estimation.estimate import INNOVATION, STATE, Estimate
 from quadpend_baselines.modelling.quantities import load_state, turn3
 from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.core.elementary import sincos

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import deviation, riccati
-from quadpend_baselines.estimation.estimator import Estimate, law_inputs
+from quadpend_baselines.estimation.estimate import Estimate, law_inputs
 from quadpend_baselines.gains import GAINS, DualModeGains
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import model_state

@@ -12,7 +12,7 @@ from quadpend_baselines.controllers.flatness import Flatness, flatness, unpack_g
 from quadpend_baselines.controllers.lqr import Lqr, lqr
 from quadpend_baselines.controllers.lqr import unpack_numbers as unpack_lqr
 from quadpend_baselines.controllers.vehicle_gains import gains_for
-from quadpend_baselines.estimation.estimator import LOOP, Estimate
+from quadpend_baselines.estimation.estimate import LOOP, Estimate
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.quantities import Derivatives, Forces, VehicleState
 from quadpend_gym import Simulation

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from quadpend_baselines.controllers.lqr import Lqr, model, output_matrix, riccati, weights
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.estimator import Estimate
+from quadpend_baselines.estimation.estimate import Estimate
 from quadpend_baselines.gains import GAINS, LqrGains
 from quadpend_baselines.modelling.linear_model import (
     DISTURBANCE_COLUMNS,

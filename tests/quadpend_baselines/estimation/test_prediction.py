@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.estimator import Prediction
 from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.prediction import Prediction
 from quadpend_baselines.gains import GAINS
 from quadpend_gym import PAPER, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag

@@ -4,7 +4,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
-from quadpend_baselines.estimation.estimator import MASS_RATIO, Estimate
+from quadpend_baselines.estimation.estimate import MASS_RATIO, Estimate
 from quadpend_baselines.hybrid.deviations import deviation_inputs
 from quadpend_baselines.hybrid.innovations import TIMES, filter_shares, innovation_inputs
 from quadpend_baselines.hybrid.memory import memory_inputs, memory_numbers

@@ -5,7 +5,7 @@
 | argument  | size | content                                                                                     |
 |-----------|------|---------------------------------------------------------------------------------------------|
 | observed  | 27   | the observation of the environment without rates                                            |
-| memory    | m    | an estimate (`estimation.estimator`), the memory of `controllers.adrc`, or an observation   |
+| memory    | m    | an estimate (`estimation.prediction`), the memory of `controllers.adrc`, or an observation   |
 | later     | e    | the estimate at the time when the action acts                                               |
 | extra     | k    | memory of the control law, then of the hybrid                                               |
 | seen      | n    | inputs of the network                                                                       |
@@ -22,9 +22,20 @@ from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation import estimator
-from quadpend_baselines.estimation.estimator import INNOVATION, LOOP, MASS_RATIO, RIGID_PART, Estimate
+from quadpend_baselines.estimation import kalman
+from quadpend_baselines.estimation import prediction as predicting
+from quadpend_baselines.estimation.estimate import (
+    DISTURBANCE,
+    INNOVATION,
+    LOOP,
+    MASS_RATIO,
+    REFERENCE,
+    RIGID_PART,
+    Estimate,
+    is_bounded,
+)
 from quadpend_baselines.estimation.loop import compensate
+from quadpend_baselines.estimation.measurement import measure, observation_of
 from quadpend_baselines.hybrid.hybrids import _MAGNIFICATION, EstimateOnly
 from quadpend_baselines.hybrid.innovations import FILTERED_SIZE
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares
@@ -114,7 +125,7 @@ def program(policy: Any, simulation: Simulation) -> Program:
 def _parts(prediction: Any, size: int, replaced: Any = None) -> tuple[dict[str, Any], list[str]]:
     """Return the functions that advance an estimate of a length, and their names for each part of the loop."""
     packed, packed_rigid = prediction.numbers
-    loop, rigid = lift(estimator.unpack_loop)(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
+    loop, rigid = lift(predicting.unpack_loop)(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
     found: dict[tuple[float, ...], str] = {}
     functions, names = {}, []
     for k, part in enumerate(prediction.parts):
@@ -123,8 +134,8 @@ def _parts(prediction: Any, size: int, replaced: Any = None) -> tuple[dict[str, 
             found[key] = f"advance_{len(found)}"
 
             def advance(state: Any, chosen: Any, k: int = k) -> dict[str, Any]:
-                memory, buffer = columns(state), np.empty((estimator.BUFFER_SIZE, 1), object)
-                lift(estimator.advance)(memory, 0, Four(*ca.vertsplit(chosen)), k, loop, rigid, buffer)
+                memory, buffer = columns(state), np.empty((predicting.BUFFER_SIZE, 1), object)
+                lift(predicting.advance)(memory, 0, Four(*ca.vertsplit(chosen)), k, loop, rigid, buffer)
                 return {"following": vector(memory)}
 
             functions[found[key]] = _function(found[key], advance, state=size, chosen=ACTION_SIZE)
@@ -135,7 +146,7 @@ def _parts(prediction: Any, size: int, replaced: Any = None) -> tuple[dict[str, 
 def _arrive(memory: Any, loop: Any) -> None:
     """Finish `carry_forward` after the estimate was advanced by all parts."""
     if loop.parts.shape[0] > 1:
-        lift(estimator.carry_forward, {estimator.advance: lambda *_: None})(memory, 0, None, loop, None, None)
+        lift(predicting.carry_forward, {predicting.advance: lambda *_: None})(memory, 0, None, loop, None, None)
 
 
 def _observer(base: OutputFeedback) -> Program:
@@ -143,28 +154,28 @@ def _observer(base: OutputFeedback) -> Program:
     found, size = base.estimator, base.estimator.size
     share, packed, packed_rigid = found.numbers
     used = found.tables[0].any(axis=0)
-    loop, rigid = lift(estimator.unpack_loop)(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
+    loop, rigid = lift(predicting.unpack_loop)(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
     pendulum = loop.plant.pendulum
     functions, names = _parts(found.prediction, size)
 
     def measured(observed: Any) -> tuple[Any, bool, Any]:
-        state, reference = lift(estimator.measure)(columns(observed), 0, False, pendulum.vehicle.rod_length)
+        state, reference = lift(measure)(columns(observed), 0, False, pendulum.vehicle.rod_length)
         return state, False, reference
 
     def begin(observed: Any) -> dict[str, Any]:
         memory = np.zeros((size, 1), object)
-        lift(estimator.begin)(memory, 0, *measured(observed), pendulum, rigid)
+        lift(kalman.begin)(memory, 0, *measured(observed), pendulum, rigid)
         return {"memory": vector(memory)}
 
     def correct(memory: Any, observed: Any, gain: Any) -> dict[str, Any]:
         given, after, buffer = np.zeros(used.shape, object), columns(memory), np.empty((24, 1), object)
         given[used] = ca.vertsplit(gain)
-        lift(estimator.correct)(after, 0, *measured(observed), given, share, pendulum.vehicle, rigid, buffer)
+        lift(kalman.correct)(after, 0, *measured(observed), given, share, pendulum.vehicle, rigid, buffer)
         return {"next": vector(after)}
 
     def miss(memory: Any, observed: Any) -> dict[str, Any]:
         after = columns(memory)
-        lift(store_vectors)(after, estimator.REFERENCE, 0, measured(observed)[2])
+        lift(store_vectors)(after, REFERENCE, 0, measured(observed)[2])
         after[INNOVATION:RIGID_PART] = 0.0  # nothing was measured
         return {"next": vector(after)}
 
@@ -172,13 +183,13 @@ def _observer(base: OutputFeedback) -> Program:
     functions["miss"] = _function("miss", miss, memory=size, observed=OUTPUT_FEEDBACK_SIZE)
     sizes = {"memory": size, "observed": OUTPUT_FEEDBACK_SIZE, "gain": int(used.sum())}
     functions["correct"] = _function("correct", correct, **sizes)
-    return Program(functions, names, size, 0, size, STATE_SIZE, estimator._MAX_ESTIMATE)
+    return Program(functions, names, size, 0, size, STATE_SIZE, kalman.MAX_ESTIMATE)
 
 
 def _control(base: OutputFeedback, later: Any, law_memory: Any) -> tuple[Any, Any]:
     """Return action and memory of the law as vectors, as `OutputFeedback.control` does."""
     prediction, law, after = base.estimator.prediction, base._law, columns(later)
-    _arrive(after, lift(estimator.unpack_loop)(prediction.numbers[0]))
+    _arrive(after, lift(predicting.unpack_loop)(prediction.numbers[0]))
     nominal = nominal_estimate(after, bool(base.gains.estimator.mass_time))
     ratio, plant = after[MASS_RATIO, 0], lifted_plant(base.simulation)
     memory = _row(law_memory) if isinstance(law, Lqr) else ()
@@ -211,7 +222,7 @@ def _with_law(observer: Program, base: OutputFeedback) -> Program:
 
 def _with_hybrid(observer: Program, hybrid: Any) -> Program:
     base: OutputFeedback = hybrid.controller
-    law_size, loop = _law_size(base), lift(estimator.unpack_loop)(base.estimator.prediction.numbers[0])
+    law_size, loop = _law_size(base), lift(predicting.unpack_loop)(base.estimator.prediction.numbers[0])
     length, hover = base.simulation.parameters.rod_length, base.simulation.parameters.hover_thrust
     alone = isinstance(hybrid, EstimateOnly)
     parts: Any = law_size, ACTION_SIZE
@@ -221,7 +232,7 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
     starts = np.cumsum([0, *parts]).tolist()
 
     def disturbance_of(memory: Any) -> Any:
-        disturbance = _row(memory)[:, estimator.DISTURBANCE : estimator.REFERENCE].copy()
+        disturbance = _row(memory)[:, DISTURBANCE:REFERENCE].copy()
         disturbance[0, FORCE + 2] -= (memory[MASS_RATIO] - 1.0) * hover
         return disturbance
 
@@ -231,7 +242,7 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
         if hybrid.deviations:
             seen = [deviations_of(base._law, after, bool(base.gains.estimator.mass_time))]
         else:
-            seen = [vector(lift(estimator.observation_of)(Estimate(after.T), length)), vector(disturbance)]
+            seen = [vector(lift(observation_of)(Estimate(after.T), length)), vector(disturbance)]
         law_memory, squares, last, steps, filtered = ca.vertsplit(extra, starts)
         if hybrid.situation:
             steps = steps + 1.0
@@ -248,7 +259,7 @@ def _with_hybrid(observer: Program, hybrid: Any) -> Program:
 
     def correction(memory: Any, later: Any, extra: Any) -> dict[str, Any]:
         law_memory, _ = ca.vertsplit(extra, starts)
-        estimated = vector(lift(estimator.observation_of)(Estimate(_row(memory)), length))
+        estimated = vector(lift(observation_of)(Estimate(_row(memory)), length))
         action, law_memory = _control(base, later, law_memory)
         near = float(_MAGNIFICATION)
         parts = near * estimated[:REFERENCE_START], estimated[REFERENCE_START:], vector(disturbance_of(memory))
@@ -310,7 +321,7 @@ def _adrc(policy: ADRC) -> Program:
     packed_loop, packed_rigid = policy._prediction.numbers
     numbers = policy._packed, packed_loop, packed_rigid
     total, plant, first = adrc.PLANT + 2 * size, lifted_plant(policy.simulation), adrc.PLANT + size
-    loop = lift(estimator.unpack_loop)(packed_loop)
+    loop = lift(predicting.unpack_loop)(packed_loop)
 
     def commands(memory: Any, later: Any = None, started: bool = False) -> tuple[Any, Any, Any, Any]:
         """Return the memory, the estimates before and after the cut, and thrust and torques."""
@@ -322,13 +333,13 @@ def _adrc(policy: ADRC) -> Program:
                 state[:, 0] = ca.vertsplit(later)
                 _arrive(state, loop)
 
-        replaced = {estimator.carry_forward: carry, estimator.is_bounded: lambda *_: True}
+        replaced = {predicting.carry_forward: carry, is_bounded: lambda *_: True}
         observed = before[:, adrc.OBSERVED : adrc.PLANT]
         command = lift(adrc._commands, replaced)((before, [started]), observed, *numbers, out, after)
         return vector(out), cut[0] if cut else vector(after) if size else None, after, command
 
     def observe(memory: Any, observed: Any, started: bool) -> Any:
-        out, kernel = _row(memory), lift(adrc._observe, {estimator.is_bounded: lambda *_: True})
+        out, kernel = _row(memory), lift(adrc._observe, {is_bounded: lambda *_: True})
         kernel((_row(memory), [started]), _row(observed), bank, *numbers, out)
         return vector(out)
 
@@ -362,7 +373,7 @@ def _adrc(policy: ADRC) -> Program:
             cut.append(vector(state))
             state[:, 0] = ca.vertsplit(following)
 
-        lift(adrc._apply, {estimator.advance: advance})(_row(action), *numbers, out)
+        lift(adrc._apply, {predicting.advance: advance})(_row(action), *numbers, out)
         return cut[0], vector(out)
 
     def begin_following(memory: Any) -> dict[str, Any]:

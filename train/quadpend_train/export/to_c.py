@@ -17,7 +17,7 @@ from quadpend_baselines import Policy
 from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.estimator import Estimator
+from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.hybrid import MemoryOnly
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c

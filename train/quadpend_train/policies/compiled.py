@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from quadpend_baselines import Policy
-from quadpend_baselines.estimation.estimator import measurement_from_observation
+from quadpend_baselines.estimation.measurement import measurement_from_observation
 from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym import read_observation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32

@@ -19,9 +19,8 @@ import numpy as np
 
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.estimator import (
+from quadpend_baselines.estimation.estimate import (
     AGE,
-    BUFFER_SIZE,
     DISTURBANCE,
     INNOVATION,
     MASS_RATIO,
@@ -29,13 +28,10 @@ from quadpend_baselines.estimation.estimator import (
     RIGID_PART,
     STATE,
     YAW,
-    Estimator,
-    advance,
-    carry_forward,
-    correct,
-    measure,
-    unpack_loop,
 )
+from quadpend_baselines.estimation.kalman import Estimator, correct
+from quadpend_baselines.estimation.measurement import measure
+from quadpend_baselines.estimation.prediction import BUFFER_SIZE, advance, carry_forward, unpack_loop
 from quadpend_baselines.hybrid.hybrids import MemoryOnly
 from quadpend_baselines.hybrid.innovations import FILTERED_SIZE
 from quadpend_baselines.hybrid.memory import REMEMBERED_SIZE

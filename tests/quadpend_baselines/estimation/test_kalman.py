@@ -10,14 +10,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import solve_discrete_are
 
 from quadpend_baselines.controllers.flatness import Flatness
-from quadpend_baselines.estimation import estimator
-from quadpend_baselines.estimation.estimator import (
-    Estimate,
-    Estimator,
-    measurement_from_observation,
-    observation_of,
-)
+from quadpend_baselines.estimation import estimate
+from quadpend_baselines.estimation.estimate import Estimate
+from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.measurement import measurement_from_observation, observation_of
 from quadpend_baselines.gains import GAINS, EstimatorGains, FlatnessGains
 from quadpend_baselines.modelling.linear_model import (
     DISTURBANCE_COLUMNS,
@@ -34,6 +31,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
 from quadpend_gym.scenarios import SCENARIOS
 from quadpend_gym.sensors import Noise
+from quadpend_gym.tasks.observation import OBSERVATION_SCALE, OUTPUT_FEEDBACK_COLUMNS
 from quadpend_gym.wind import Constant
 from tests.helpers.controllers import (
     CALM,
@@ -78,22 +76,27 @@ def record(reference: Reference, wind: tuple[float, ...], p: Parameters = PAPER,
     return recording
 
 
-def without_rates(measurement: Estimate) -> Estimate:
-    """Return the measurement without rates."""
-    out = Estimate(measurement.array.copy())
-    state = State(out.state)
-    for rate in (state.velocity, state.euler_rate, state.direction_rate):
-        rate[:] = np.nan
-    return out
+def observed(measurement: Estimate, has_rates: bool = True, length: float = PAPER.rod_length) -> Floats:
+    """Return the observation of a measurement in double precision; l in m."""
+    state, fields = State(measurement.state), np.empty((len(measurement.array), 36))
+    error, attitude = state.position.copy(), state.euler.copy()
+    error_rate = state.velocity.copy()
+    error[:, :2] += length * state.direction[:, :2]
+    error_rate[:, :2] += length * state.direction_rate[:, :2]
+    attitude[:, 2] -= measurement.yaw[:, 0]
+    parts = error, error_rate, state.direction, state.direction_rate, attitude, state.euler_rate
+    fields[:, :18], fields[:, 18:] = np.hstack(parts), measurement.array[:, estimate.REFERENCE : estimate.MASS_RATIO]
+    fields /= OBSERVATION_SCALE
+    return fields if has_rates else fields[:, OUTPUT_FEEDBACK_COLUMNS]
 
 
 def estimates(recording: Recording, gains: EstimatorGains, has_rates: bool, p: Parameters = PAPER) -> list[Estimate]:
     """Return the estimates of a recording, step by step."""
     observer = Estimator(gains, simulation_of(p))
-    measurements = [measurement if has_rates else without_rates(measurement) for measurement, _ in recording]
-    out = [observer.observe(measurements[0])]
-    for measurement, (_, command) in zip(measurements[1:], recording[:-1], strict=True):
-        out.append(observer.observe(measurement, out[-1], to_action(command, observer.simulation)))
+    observations = [observed(measurement, has_rates, p.rod_length) for measurement, _ in recording]
+    out = [observer.observe(observations[0])]
+    for observation, (_, command) in zip(observations[1:], recording[:-1], strict=True):
+        out.append(observer.observe(observation, out[-1], to_action(command, observer.simulation)))
     return out
 
 
@@ -101,9 +104,9 @@ def estimates(recording: Recording, gains: EstimatorGains, has_rates: bool, p: P
 def test_estimates_are_exact_in_calm_air_and_acceleration_is_not_mistaken_for_wind(gains: EstimatorGains) -> None:
     """On a climbing circle with a changing heading, the estimated disturbance is rounding error, about 10⁻¹² N."""
     recording = record(CIRCLE, tuple(CALM))
-    for estimate, (measurement, _) in zip(estimates(recording, gains, has_rates=True), recording, strict=True):
-        assert_allclose(estimate.state, measurement.state, atol=1e-12)
-        assert_allclose(estimate.disturbance, 0.0, atol=1e-10)
+    for found, (measurement, _) in zip(estimates(recording, gains, has_rates=True), recording, strict=True):
+        assert_allclose(found.state, measurement.state, atol=1e-12)
+        assert_allclose(found.disturbance, 0.0, atol=1e-10)
 
 
 @every_measurement
@@ -128,15 +131,15 @@ def test_the_gain_of_strong_wind_applies_where_the_bob_is_pushed() -> None:
 
     def correction(gains: EstimatorGains, force: float) -> Floats:
         observer = Estimator(gains, simulation_of(PAPER))
-        before = observer.observe(measurement)
+        before = observer.observe(observed(measurement))
         before.disturbance[:, 3] = force
-        return observer.observe(after, before, to_action(command, observer.simulation)).array
+        return observer.observe(observed(after), before, to_action(command, observer.simulation)).array
 
     both = replace(FAST, gust_walk=2.0)
     assert_array_equal(correction(both, 0.0), correction(calm, 0.0))
     assert_allclose(correction(both, 1.5 * limit), correction(gust, 1.5 * limit), atol=1e-12)
     mean = 0.75 * correction(calm, 0.5 * limit) + 0.25 * correction(gust, 0.5 * limit)
-    force = slice(estimator.DISTURBANCE, estimator.REFERENCE)
+    force = slice(estimate.DISTURBANCE, estimate.REFERENCE)
     assert_allclose(correction(both, 0.5 * limit)[:, force], mean[:, force], atol=1e-12)
 
 
@@ -177,10 +180,11 @@ def test_rates_that_are_not_measured_begin_with_those_of_a_start_on_the_referenc
     """With a pole of inertia, those of a point mass in its centre of mass are off by 0.8 mm/s and 1.4 mrad/s."""
     simulation, task = Simulation(vehicle="hummingbird"), Task(start=StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     env = make_vec_of(simulation, 20, task=task)
-    true = measurement_from_observation(env.reset(seed=2)[0], simulation.parameters.rod_length)
-    start, estimate = State(true.state), Estimator(FAST, simulation).observe(without_rates(true))
-    assert_allclose(State(estimate.state).velocity, start.velocity, atol=1e-5)
-    assert_allclose(State(estimate.state).direction_rate, start.direction_rate, atol=1e-5)
+    observation, _ = env.reset(seed=2)
+    start = State(measurement_from_observation(observation, simulation.parameters.rod_length).state)
+    begun = State(Estimator(FAST, simulation).observe(observation[:, OUTPUT_FEEDBACK_COLUMNS]).state)
+    assert_allclose(begun.velocity, start.velocity, atol=1e-5)
+    assert_allclose(begun.direction_rate, start.direction_rate, atol=1e-5)
 
 
 def test_observation_of_an_estimate_inverts_measurement_from_observation() -> None:
@@ -198,10 +202,9 @@ def test_wind_is_estimated_while_the_pendulum_hangs(angle: float) -> None:
     state = {"direction": (np.sin(angle), 0.0, np.cos(angle)), "position": (0.0, 0.0, 3.0)}
     observation, _ = env.reset(seed=1, options={"state": state})
     observer = Estimator(GAINS["lqr"].estimator, Simulation())
-    estimate = observer.observe(measurement_from_observation(observation, PAPER.rod_length))
+    found = observer.observe(observation)
     for _ in range(30):
         observation, *_ = env.step(np.zeros((2, 4), np.float32))
-        measurement = measurement_from_observation(observation, PAPER.rod_length)
-        estimate = observer.observe(measurement, estimate, np.zeros((2, 4), np.float32))
-    assert_allclose(estimate.disturbance[:, :3], [force, force], atol=0.03)
-    assert_array_equal(estimate.state, measurement.state)
+        found = observer.observe(observation, found, np.zeros((2, 4), np.float32))
+    assert_allclose(found.disturbance[:, :3], [force, force], atol=0.03)
+    assert_array_equal(found.state, measurement_from_observation(observation, PAPER.rod_length).state)

@@ -1,0 +1,108 @@
+"""The layout of an estimate, and its parts as named views.
+
+An estimate is a flat vector with this layout (`Estimate` names its parts):
+
+| fields | name          | content                                                                                    |
+|--------|---------------|--------------------------------------------------------------------------------------------|
+| 0–17   | `state`       | x̂ as in `quadpend_gym.physics.state`; position and velocity are relative to the reference  |
+| 18–26  | `disturbance` | d̂, laid out as `Disturbance`, N and N·m                                                    |
+| 27–41  | `reference`   | F_d⁽ⁱ⁾ for i = 2 … 6 of the latest measurement                                             |
+| 42–44  | `yaw`         | its ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s²                                                    |
+| 45     | `mass_ratio`  | μ̂, effective ratio of weight to thrust, which scales the masses of quadrotor and bob      |
+| 46     | `age`         | number of corrections since the episode began                                              |
+| 47–64  | `innovation`  | measured minus predicted state before the latest correction; 0 for rates not measured      |
+| 65–75  | `rigid`       | quaternion, body rate and rotor thrusts of a rigid vehicle, see `physics.rigid_kernel`     |
+| 76–    |               | memory of the known loop, see `loop.act`; with a latency that is not a whole number of     |
+|        |               | periods then the action before                                                             |
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadpend_baselines.modelling.quantities import (
+    Derivatives,
+    Forces,
+    VehicleState,
+    load_forces,
+    load_reference,
+    load_state,
+)
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import inlined
+from quadpend_gym.physics.attitude import body_rate, quaternion_from_euler
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION
+from quadpend_gym.physics.vectors import Vec3, store, store_four
+
+ORDERS = 5  # derivatives of the reference, of order 2 … 6
+STATE, DISTURBANCE, REFERENCE, YAW, MASS_RATIO, AGE, INNOVATION, RIGID_PART, LOOP = 0, 18, 27, 42, 45, 46, 47, 65, 76
+_MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
+LEAST_HEIGHT = float(np.sqrt(1.0 - _MAX_HORIZONTAL**2))  # r_z there
+
+
+class _Part:
+    """Fields of every estimate in an array, as a view."""
+
+    def __init__(self, first: int, end: int) -> None:
+        self.part = slice(first, end)
+
+    def __get__(self, instance: Any, owner: type) -> Floats:
+        view: Floats = instance.array[:, self.part]
+        return view
+
+
+class _Rows(NamedTuple):
+    array: Floats  # shape (n, k)
+
+
+class Estimate(_Rows):
+    """Named views of n estimates, see the table above; writing into a view writes into the array.
+
+    Measurements have the same layout; what is not measured is 0.
+    """
+
+    state = _Part(STATE, DISTURBANCE)
+    disturbance = _Part(DISTURBANCE, REFERENCE)
+    yaw = _Part(YAW, MASS_RATIO)
+    mass_ratio = _Part(MASS_RATIO, AGE)  # shape (n, 1)
+    innovation = _Part(INNOVATION, RIGID_PART)
+    rigid = _Part(RIGID_PART, LOOP)
+
+    @property
+    def reference(self) -> Floats:
+        """Return the reference, shape (n, 5, 3)."""
+        return self.array[:, REFERENCE:YAW].reshape(-1, ORDERS, 3)
+
+
+@inlined
+def law_inputs(estimate: Any, row: int) -> tuple[VehicleState, Forces, Derivatives]:
+    """Return state, disturbance and reference of an estimate."""
+    lanes = estimate.T
+    return load_state(lanes, STATE, row), load_forces(lanes, DISTURBANCE, row), load_reference(lanes, REFERENCE, row)
+
+
+@inlined
+def project_direction(s: VehicleState) -> VehicleState:
+    """Return the state with |r_xy| limited, and with r_z and ṙ_z such that |r| = 1, r_z > 0 and r·ṙ = 0."""
+    r, r_dot = s.direction, s.direction_rate
+    share = _MAX_HORIZONTAL / max(np.sqrt(r.x * r.x + r.y * r.y), _MAX_HORIZONTAL)
+    x, y = share * r.x, share * r.y
+    z = np.sqrt(1.0 - (x * x + y * y))
+    rate = Vec3(r_dot.x, r_dot.y, -(x * r_dot.x + y * r_dot.y) / z)
+    return VehicleState(s.position, s.velocity, s.euler, s.euler_rate, Vec3(x, y, z), rate)
+
+
+@inlined
+def store_attitude(memory: Any, first: int, lane: int, state: VehicleState) -> None:
+    """Write quaternion and body rate of a state into the part of a rigid vehicle, which begins with field `first`."""
+    store_four(memory, first + QUATERNION, lane, quaternion_from_euler(state.euler))
+    store(memory, first + BODY_RATE, lane, body_rate(state.euler, state.euler_rate))
+
+
+@inlined
+def is_bounded(memory: Any, lane: int, size: int, limit: float) -> bool:
+    """Return whether the first `size` numbers are below a limit; false for nan as well."""
+    out = True
+    for i in range(size):
+        out = out and abs(memory[i, lane]) < limit
+    return out

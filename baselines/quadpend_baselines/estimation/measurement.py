@@ -1,0 +1,110 @@
+"""Measurements: the state relative to the reference, and the reference, as an observation has them.
+
+The horizontal part of the observed tracking error is that of the pole, so that the position of the vehicle is the error
+less l r, with the length l that the controller assumes.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from quadpend_baselines.estimation.estimate import LOOP, REFERENCE, STATE, YAW, Estimate
+from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, load_state, store_vectors
+from quadpend_gym import read_observation
+from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.physics.vectors import Vec3
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_FIELDS,
+    OBSERVATION_SCALE,
+    OBSERVATION_SIZE,
+    OUTPUT_FEEDBACK_SIZE,
+    REFERENCE_START,
+)
+
+TRACKING_ERROR, _TRACKING_ERROR_RATE, DIRECTION, _DIRECTION_RATE, ATTITUDE, _EULER_RATE = (
+    OBSERVATION_FIELDS[name].start
+    for name in ("tracking_error", "tracking_error_rate", "direction", "direction_rate", "attitude", "euler_rate")
+)
+
+
+def measures_rates(observation: Floats32) -> bool:
+    """Return whether observations, shape (n, 36), or (n, 27) without velocities, contain rates."""
+    size: int = observation.shape[1]
+    if size not in (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE):
+        read_observation(observation, "direction")  # says which sizes there are
+    return size == OBSERVATION_SIZE
+
+
+@inlined
+def scaled_vector(observation: Any, place: int, field: int, lane: int) -> Vec3:
+    """Return the vector that begins in row `place`, in the unit of the field that begins in column `field`."""
+    x, y, z = observation[place, lane], observation[place + 1, lane], observation[place + 2, lane]
+    return Vec3(x * OBSERVATION_SCALE[field], y * OBSERVATION_SCALE[field + 1], z * OBSERVATION_SCALE[field + 2])
+
+
+@inlined
+def read_reference(observation: Any, place: int, lane: int) -> Derivatives:
+    """Return the reference in an observation, which begins in row `place`."""
+    return Derivatives(
+        scaled_vector(observation, place, REFERENCE_START, lane),
+        scaled_vector(observation, place + 3, REFERENCE_START + 3, lane),
+        scaled_vector(observation, place + 6, REFERENCE_START + 6, lane),
+        scaled_vector(observation, place + 9, REFERENCE_START + 9, lane),
+        scaled_vector(observation, place + 12, REFERENCE_START + 12, lane),
+        scaled_vector(observation, place + 15, REFERENCE_START + 15, lane),
+    )
+
+
+@inlined
+def measure(observation: Any, lane: int, has_rates: bool, rod_length: float) -> tuple[VehicleState, Derivatives]:
+    """Return the measured state, relative to the reference, and the reference; rates that are not measured are zero."""
+    step = 6 if has_rates else 3
+    none = Vec3(0.0, 0.0, 0.0)
+    r = scaled_vector(observation, step, DIRECTION, lane)
+    attitude = scaled_vector(observation, 2 * step, ATTITUDE, lane)
+    error, error_rate, r_dot, euler_rate = scaled_vector(observation, 0, TRACKING_ERROR, lane), none, none, none
+    if has_rates:
+        error_rate = scaled_vector(observation, 3, _TRACKING_ERROR_RATE, lane)
+        r_dot = scaled_vector(observation, 9, _DIRECTION_RATE, lane)
+        euler_rate = scaled_vector(observation, 15, _EULER_RATE, lane)
+    reference = read_reference(observation, 3 * step, lane)
+    # The horizontal tracking error is that of the bob.
+    position = Vec3(error.x - rod_length * r.x, error.y - rod_length * r.y, error.z)
+    velocity = Vec3(error_rate.x - rod_length * r_dot.x, error_rate.y - rod_length * r_dot.y, error_rate.z)
+    euler = Vec3(attitude.x, attitude.y, attitude.z + reference.yaw.x)
+    return VehicleState(position, velocity, euler, euler_rate, r, r_dot), reference
+
+
+@compiled
+def _measure_rows(observation: Floats32, has_rates: bool, rod_length: float, out: Floats) -> None:
+    for row in range(out.shape[0]):
+        state, reference = measure(observation.T, row, has_rates, rod_length)
+        store_vectors(out.T, STATE, row, state)
+        store_vectors(out.T, REFERENCE, row, reference)
+
+
+def measurement_from_observation(observation: Floats32, rod_length: float) -> Estimate:
+    """Convert observations, shape (n, 36), or (n, 27) without velocities, into measured states; l in m."""
+    out = np.zeros((len(observation), LOOP))
+    _measure_rows(np.ascontiguousarray(observation, np.float32), measures_rates(observation), rod_length, out)
+    return Estimate(out)
+
+
+@compiled
+def _observation_rows(estimate: Floats, rod_length: float, out: Floats32) -> None:
+    for row in range(out.shape[0]):
+        s = load_state(estimate.T, STATE, row)
+        attitude = Vec3(s.euler.x, s.euler.y, s.euler.z - float(np.float32(estimate[row, YAW])))
+        fields = (*bob_offset(s, rod_length), s.direction, s.direction_rate, attitude, s.euler_rate)
+        for i in range(REFERENCE_START):
+            out[row, i] = fields[i // 3][i % 3] / OBSERVATION_SCALE[i]
+        for i in range(REFERENCE_START, OBSERVATION_SIZE):
+            out[row, i] = estimate[row, REFERENCE - REFERENCE_START + i] / OBSERVATION_SCALE[i]
+
+
+def observation_of(estimate: Estimate, rod_length: float) -> Floats32:
+    """Convert estimates into observations with velocities, the inverse of `measurement_from_observation`."""
+    out = np.empty((len(estimate.array), OBSERVATION_SIZE), np.float32)
+    _observation_rows(estimate.array, rod_length, out)
+    return out

@@ -1,0 +1,259 @@
+"""Prediction of an estimate over a control period, and to the time when the next action acts.
+
+    (1)  x̂⁻ = f(x̂, ā, d̂, μ̂),    d̂⁻ = d̂,    ā_k = h(a_k, a_{k−1}, …)       f: one control period, h: `loop.act`
+
+f is that of the simulation itself, with nominal parameters, and delays the action by the latency of the simulation, by
+the schedule of the environments (`quadpend_gym.envs.loops`). The masses are those of the mass ratio μ̂. The state of a
+rigid vehicle includes the thrusts of its rotors.
+
+Positions and velocities are relative to the reference, which accelerates. The prediction therefore subtracts the motion
+of the reference over a period, a polynomial of order 6.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadpend_baselines.estimation.estimate import (
+    AGE,
+    DISTURBANCE,
+    LOOP,
+    MASS_RATIO,
+    REFERENCE,
+    RIGID_PART,
+    STATE,
+    YAW,
+    Estimate,
+    project_direction,
+)
+from quadpend_baselines.estimation.loop import Loop, act, compensate
+from quadpend_baselines.modelling.equivalent import Pendulum, equivalent_model
+from quadpend_baselines.modelling.quantities import load_state, store_vectors
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.envs.loops import Schedule
+from quadpend_gym.physics.euler_kernel import integrate_euler
+from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
+from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, POSITION, STATE_SIZE, VELOCITY
+from quadpend_gym.physics.vectors import Four, Vec3, load, store, store_four
+from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS
+
+# Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, the action before and
+# this one, disturbance, velocity of the air, and command.
+_PARAMETERS = RIGID_LANE_SIZE
+_BEFORE = _PARAMETERS + PARAMETERS_SIZE
+_ACTION = _BEFORE + ACTION_SIZE
+_FORCES = _ACTION + ACTION_SIZE
+_AIR = _FORCES + DISTURBANCE_SIZE
+_COMMAND = _AIR + 3
+BUFFER_SIZE = _COMMAND + ACTION_SIZE
+
+
+class PlantNumbers(NamedTuple):
+    """The vehicle and its known loop inside compiled functions."""
+
+    pendulum: Pendulum
+    quadrotor_drag_area: float  # m²
+    bob_drag_area: float  # m²
+    command_scale: Four  # see `Simulation.command_scale`
+    delay: int  # periods from the choice of an action until it acts
+    sensor_delay: int  # those among them that delay the measurement
+
+
+class LoopNumbers(NamedTuple):
+    """The vehicle and the parts of a known loop by which an estimate advances in turn, see `Prediction`."""
+
+    parts: Any  # length (s) and substeps, shape (k, 2)
+    ages: Any  # of the action that acts in each substep, see `euler_kernel.acting`, shape (k, s, 1)
+    nominal: Any  # numbers of the loop, see `Schedule.loops`, shape (7, 1)
+    actuators: Any  # `Loop.numbers` of each part, shape (k, m, 4)
+    plant: PlantNumbers
+
+
+unpack_plant = unpacker(PlantNumbers)
+
+
+@inlined
+def unpack_loop(packed: Any) -> LoopNumbers:
+    """Return the numbers that `Prediction.numbers` has packed."""
+    return LoopNumbers(packed[0], packed[1], packed[2], packed[3], unpack_plant(packed[4]))
+
+
+@inlined
+def _move_reference(memory: Any, lane: int, t: float) -> None:
+    """Subtract the motion of the reference over a time t (s) from position and velocity, and advance the reference."""
+    for axis in range(3):
+        first = REFERENCE + axis
+        a, b, c = memory[first, lane], memory[first + 3, lane], memory[first + 6, lane]
+        d, e = memory[first + 9, lane], memory[first + 12, lane]
+        shift = t * t / 2.0 * (a + t / 3.0 * (b + t / 4.0 * (c + t / 5.0 * (d + t / 6.0 * e))))
+        memory[POSITION + axis, lane] -= shift
+        memory[VELOCITY + axis, lane] -= t * (a + t / 2.0 * (b + t / 3.0 * (c + t / 4.0 * (d + t / 5.0 * e))))
+        memory[first, lane] = a + t * (b + t / 2.0 * (c + t / 3.0 * (d + t / 4.0 * e)))
+        memory[first + 3, lane] = b + t * (c + t / 2.0 * (d + t / 3.0 * e))
+        memory[first + 6, lane] = c + t * (d + t / 2.0 * e)
+        memory[first + 9, lane] = d + t * e
+
+
+@inlined
+def advance(
+    memory: Any, lane: int, action: Four, k: int, loop: LoopNumbers, rigid: RigidSettings | None, buffer: Any
+) -> None:
+    """Advance an estimate in place by equation (1) over part k of the loop, without a correction.
+
+    Its reference moves along. The buffer has the shape (BUFFER_SIZE, 1).
+    """
+    plant, actuators = loop.plant, loop.actuators[k]
+    period, substeps, ages = loop.parts[k, 0], int(loop.parts[k, 1]), loop.ages[k]
+    issued, acting, command = buffer[_BEFORE:_FORCES], buffer[_ACTION:_FORCES], buffer[_COMMAND:BUFFER_SIZE]
+    store_four(acting, 0, 0, action)
+    act(acting, plant.delay, actuators, memory, LOOP, lane)
+    last = LOOP + ACTION_SIZE * (plant.delay + actuators.shape[0])
+    if ages[0, 0] > 0:
+        for i in range(ACTION_SIZE):
+            issued[i, 0], memory[last + i, lane] = memory[last + i, lane], acting[i, 0]
+    for i in range(STATE_SIZE):
+        buffer[i, 0] = memory[i, lane]
+    for i in range(DISTURBANCE_SIZE):
+        buffer[_FORCES + i, 0] = memory[DISTURBANCE + i, lane]
+    p = plant.pendulum.vehicle
+    for i in range(PARAMETERS_SIZE - 2):
+        buffer[_PARAMETERS + i, 0] = p[i]
+    buffer[_PARAMETERS + QUADROTOR_MASS, 0] = memory[MASS_RATIO, lane] * p.quadrotor_mass
+    buffer[_PARAMETERS + BOB_MASS, 0] = memory[MASS_RATIO, lane] * p.bob_mass
+    buffer[_PARAMETERS + PARAMETERS_SIZE - 2, 0] = plant.quadrotor_drag_area
+    buffer[_PARAMETERS + PARAMETERS_SIZE - 1, 0] = plant.bob_drag_area
+    lanes, parameters, forces = buffer[:_PARAMETERS], buffer[_PARAMETERS:_BEFORE], buffer[_FORCES:_AIR]
+    if rigid is None:
+        scale, numbers = plant.command_scale, loop.nominal
+        integrate_euler(lanes, issued, ages, numbers, forces, parameters, scale, 1, period, substeps, command)
+    else:
+        for i in range(RIGID_SIZE):
+            buffer[RIGID + i, 0] = memory[RIGID_PART + i, lane]
+        air, numbers = buffer[_AIR:_COMMAND], loop.nominal
+        store(air, 0, 0, Vec3(0.0, 0.0, 0.0))
+        integrate_rigid(lanes, issued, ages, numbers, forces, air, parameters, rigid, 1, period, substeps, command)
+        for i in range(RIGID_SIZE):
+            memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
+    for i in range(STATE_SIZE):
+        memory[i, lane] = buffer[i, 0]
+    _move_reference(memory, lane, period)
+    memory[AGE, lane] += 1.0
+
+
+@inlined
+def carry_forward(
+    memory: Any, lane: int, action: Four, loop: LoopNumbers, rigid: RigidSettings | None, buffer: Any
+) -> None:
+    """Advance an estimate in place to the time when the next action acts.
+
+    The latest action that the controller has chosen is taken to continue while a lag of the actuators is predicted
+    through.
+    """
+    time, yaw = 0.0, load(memory, YAW, lane)
+    for k in range(1, loop.parts.shape[0]):
+        advance(memory, lane, action, k, loop, rigid, buffer)
+        time += loop.parts[k, 0]
+    store_vectors(memory, STATE, lane, project_direction(load_state(memory, STATE, lane)))
+    store(memory, YAW, lane, Vec3(yaw.x + time * (yaw.y + time / 2.0 * yaw.z), yaw.y + time * yaw.z, yaw.z))
+
+
+@inlined
+def load_action(action: Any, row: int) -> Four:
+    """Return an action of n rows, shape (n, 4), in double precision."""
+    a = action[row]
+    return Four(float(a[0]), float(a[1]), float(a[2]), float(a[3]))
+
+
+@compiled
+def _carry(estimate: Floats, action: Floats32, packed: Any, packed_rigid: Floats | None) -> None:
+    loop, buffer = unpack_loop(packed), np.empty((BUFFER_SIZE, 1))
+    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    for row in range(estimate.shape[0]):
+        carry_forward(estimate.T, row, load_action(action, row), loop, rigid, buffer)
+
+
+@compiled
+def _compensate(action: Floats, delay: int, actuators: Floats, memory: Floats) -> None:
+    for row in range(action.shape[0]):
+        compensate(action.T, delay, actuators, memory.T, LOOP, row)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Equation (1) for n rows."""
+
+    simulation: Simulation  # nominal plant and control period
+    known_loop: Loop  # the known part of the loop, without the latency of the simulation
+    predicts_latency: bool = True  # whether the latency is known
+
+    @cached_property
+    def loop(self) -> Loop:
+        """The known part of the loop, with the whole periods of the latency."""
+        return replace(self.known_loop, delay=self.known_loop.delay + self._latency[0])
+
+    @cached_property
+    def _latency(self) -> tuple[int, int]:
+        """The latency in whole control periods and the remaining substeps."""
+        delayed = self.simulation.delayed_substeps if self.predicts_latency else 0
+        return delayed // self.simulation.substeps, delayed % self.simulation.substeps
+
+    @cached_property
+    def loop_size(self) -> int:
+        """Length of the memory of the known loop, with the last action if it is needed."""
+        return ACTION_SIZE * (self.loop.steps + len(self.loop.actuators) + (self._latency[1] > 0))
+
+    @cached_property
+    def parts(self) -> Floats:
+        """The control period, and the periods and parts of one until the next action acts: s and substeps, (k, 2)."""
+        substeps, switch = self.simulation.substeps, self._latency[1]
+        substep = self.simulation.period / substeps
+        numbers = [substeps] * (1 + self.loop.steps)
+        rest = switch + round(self.loop.lag / substep)
+        while rest > 0:
+            numbers.append(min(rest, substeps))
+            rest -= numbers[-1]
+        return np.array([[n * substep if n < substeps else self.simulation.period, n] for n in numbers])
+
+    @cached_property
+    def actuators(self) -> Floats:
+        """The actuators in each of the parts, shape (k, m, 4)."""
+        return np.array([self.loop.numbers(period) for period in self.parts[:, 0]])
+
+    @cached_property
+    def numbers(self) -> tuple[Any, Floats | None]:
+        """What compiled functions need: packed `LoopNumbers`, and packed settings of a rigid vehicle."""
+        model, p, scale = equivalent_model(self.simulation), self.simulation.parameters, self.simulation.command_scale
+        areas, loop = (p.quadrotor_drag_area, p.bob_drag_area), self.loop
+        plant = PlantNumbers(model.numbers, *areas, Four(*scale.tolist()), loop.steps, loop.sensor_delay)
+        rest = self._latency[1] * self.simulation.period / self.simulation.substeps
+        schedule = Schedule(None, replace(self.simulation, latency=rest), 1)
+        ages = np.tile(schedule.ages, (len(self.parts), 1, 1))
+        return (self.parts, ages, schedule.loops, self.actuators, pack(plant)), model.packed_rigid
+
+    def compensate(self, wanted: Floats32, estimate: Floats) -> Floats32:
+        """Return the actions that compensate the lags of the loop, shape (n, 4), see `loop.compensate`.
+
+        The estimate, shape (n, k), is that of the time when the action acts.
+        """
+        if not self.actuators[0, :, 3].any():
+            return wanted
+        out = wanted.astype(np.float64)
+        _compensate(out, self.loop.steps, self.actuators[0], estimate)
+        return out.astype(np.float32)
+
+    def carry_forward(self, estimate: Estimate, action: Floats32) -> Estimate:
+        """Return the estimate at the time when the next action acts.
+
+        `action` is the latest one that the controller has chosen, shape (n, 4).
+        """
+        if len(self.parts) == 1:
+            return estimate
+        then = Estimate(estimate.array.copy())
+        _carry(then.array, action, *self.numbers)
+        return then
