@@ -60,7 +60,7 @@ EVERYTHING = {
     "sensors": SENSORS,
     "actuators": ACTUATORS,
     "parameters": RANGES["around"],
-    "output_feedback": True,
+    "observation": "output_feedback",
     "history": (2, 0),
 }
 FAMILIES = {"hover": 0.0, "slalom": 2.0, "acceleration": (1.0, 3.0), "speed": (0.5, 1.0), "yaw_amplitude": 0.5}
@@ -97,7 +97,7 @@ LAGGED = [{"kind": "action_delay", "steps": 1}, {"kind": "motor_lag", "time_cons
 PAPER: dict[str, Parts] = {
     "windy": {"wind": "windy"},
     "storm, lagged": {"wind": "storm", "actuators": LAGGED},
-    "breeze, output feedback": {"wind": "breeze", "output_feedback": True},
+    "breeze, output feedback": {"wind": "breeze", "observation": "output_feedback"},
     "fast": {"task": {"references": FAMILIES}},
 }
 HUMMINGBIRD: dict[str, Parts] = {
@@ -109,7 +109,7 @@ HUMMINGBIRD: dict[str, Parts] = {
         "latency": 0.03,
         "actuators": [{"kind": "packet_loss", "probability": 0.01}, {"kind": "gyro_bias", "deviation": 0.02}],
         "sensors": NOISE,
-        "output_feedback": True,
+        "observation": "output_feedback",
     },
 }
 RIGID: dict[str, Parts] = {

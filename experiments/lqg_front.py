@@ -25,6 +25,7 @@ from quadpend_baselines.modelling.linear_loop import linear_policy, margins, veh
 from quadpend_baselines.modelling.linear_reference import linear_reference, stationary_error
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.sensors import Noise
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
 from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
@@ -40,7 +41,7 @@ HOVER = Scenario(
     latency=0.02,
     wind=OrnsteinUhlenbeck(force=0.12),
     sensors=Noise(position=0.0005, euler=0.001, direction=0.0006),
-    output_feedback=True,
+    observation=OUTPUT_FEEDBACK,
 )
 PATH = DOCS / "flight/lqg_front.csv"
 MARGINS = (0.005, 0.01, 0.015, 0.02, 0.025)  # s

@@ -60,7 +60,13 @@ def design(vehicle: str) -> Scenario:
 def flown(vehicle: str, **wind: Any) -> Scenario:
     """Return the scenario that is flown on the page, in a constant wind: hover, no velocities, no noise."""
     hover = find_scenarios(["flight_breeze"])["flight_breeze"].task
-    plain: dict[str, Any] = {"sensors": (), "actuators": (), "wind_rise": 0.0, "unscored": 0.0, "output_feedback": True}
+    plain: dict[str, Any] = {
+        "sensors": (),
+        "actuators": (),
+        "wind_rise": 0.0,
+        "unscored": 0.0,
+        "observation": "output_feedback",
+    }
     return replace(design(vehicle), task=hover, wind={"kind": "constant", **wind}, **plain)
 
 

@@ -30,7 +30,6 @@ from quadpend_gym.engines.scalar_c import scalar_c
 from quadpend_gym.envs import step_kernel
 from quadpend_gym.envs.kernel_layout import make_limits, make_weights
 from quadpend_gym.envs.loops import JITTER_STREAM, Schedule, lateness
-from quadpend_gym.envs.spaces import observed_columns
 from quadpend_gym.physics import rigid_kernel
 from quadpend_gym.physics.attitude import Quaternion, rotation_matrix
 from quadpend_gym.physics.drag import add_drag
@@ -52,7 +51,7 @@ from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks import rewards
 from quadpend_gym.tasks.observation import (
-    OBSERVATION_SIZE,
+    ALL,
     Target,
     observe_reference,
     observe_state,
@@ -167,7 +166,7 @@ class _Generator:
             "loop": LOOP_SIZE + 1 if self.loop else 0,
         }
         ends = [0, *accumulate(sizes.values())]
-        self.sizes = sizes | {"slots": count + 1, "memory": ends[-1], "observation": scenario.observation_size}
+        self.sizes = sizes | {"slots": count + 1, "memory": ends[-1], "observation": scenario.observation.size}
         self.parts = {name: slice(*pair) for name, pair in zip(sizes, pairwise(ends), strict=True)}
         self._memory: Any = ca.SX.sym("m", ends[-1])
 
@@ -288,11 +287,11 @@ class _Generator:
         return rows([ca.SX(number)])[0]
 
     def _observe(self, measured: Any, rod_length: Any, point: Any) -> Any:
-        state, out = columns(list(measured[0])), columns([], OBSERVATION_SIZE)
+        state, out = columns(list(measured[0])), columns([], ALL.size)
         tracking = lift(tracking_errors)(state, 0, rod_length, Target(point.d0, point.d1, point.yaw))
         lift(observe_state)(state, 0, tracking, out, 0)
         lift(observe_reference)(point, 0, out)
-        return ca.vertcat(*out[observed_columns(self.scenario), 0])
+        return ca.vertcat(*out[ALL.select(self.scenario.observation), 0])
 
     def _act(self, draws: _Draws, action: Any) -> dict[str, Any]:
         """Return the action after the actuators, when it acts, and the memory of the actuators."""

@@ -60,7 +60,7 @@ class QuadPendulumDeviceEnv(VectorEnv[Any, Any, Any]):
     A step returns the first observation of the next episode where one ends (same-step autoreset). Nothing waits for
     the GPU, and `step` can be captured in a CUDA graph. The tensors that `step` returns are new, except
     ``info["final_obs"]``. The info of a step has ``tracking_error`` (m, world frame, shape (num_envs, 3)) of the state
-    that the action led to, ``final_obs``, shape (num_envs, 36), valid where ``_final_obs`` is true: where an episode
+    that the action led to, ``final_obs``, shape (num_envs, m), valid where ``_final_obs`` is true: where an episode
     ended. Components of an action outside [−1, 1] count as −1 or 1, since a check would wait for the GPU.
 
     Args:
@@ -101,7 +101,7 @@ class QuadPendulumDeviceEnv(VectorEnv[Any, Any, Any]):
         self.device, self.dtype = torch.device("cpu" if device == "c" else device), _dtype(dtype)
         made = Kernel.of(self.scenario, kernel)
         self.library, self.sizes = Library(made.source, device, self.dtype), made.sizes
-        self.single_observation_space = observation_space(self.scenario.observation_size)
+        self.single_observation_space = observation_space(self.scenario.observation.size)
         meaning = {"interface": self.scenario.interface, "vehicle": self.scenario.vehicle.name}
         self.single_action_space = action_space(**meaning)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

@@ -42,7 +42,7 @@ from quadpend_gym.physics.state import (
 from quadpend_gym.physics.vectors import Four, Vec3, load
 from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.tasks.observation import (
-    OBSERVATION_SIZE,
+    ALL,
     Target,
     observe_reference,
     observe_state,
@@ -136,10 +136,10 @@ def _errors(state: Any, parameters: Any, point: ReferencePoint) -> Any:
 def observation_function() -> Any:
     """Return the observation and its first part in metres, (state, parameters, point) → (observation, tracking_error).
 
-    The observation has 36 numbers, not rounded to float32.
+    The observation has all fields, `quadpend_gym.tasks.observation.ALL`, not rounded to float32.
     """
     x = _symbols(state=STATE_SIZE, parameters=PARAMETERS_SIZE, point=POINT_SIZE)
-    state, point, out = columns(x["state"]), _point(x["point"]), columns([], OBSERVATION_SIZE)
+    state, point, out = columns(x["state"]), _point(x["point"]), columns([], ALL.size)
     tracking = _errors(state, x["parameters"], point)
     lift(observe_state)(state, 0, tracking, out, 0)
     lift(observe_reference)(point, 0, out)

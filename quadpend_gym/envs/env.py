@@ -14,11 +14,12 @@ from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import read_reset_options
-from quadpend_gym.envs.spaces import action_space, observation_space, observed_columns
+from quadpend_gym.envs.spaces import action_space, observation_space
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.library import as_scenario
 from quadpend_gym.scenarios.scenario import Scenario
+from quadpend_gym.tasks.observation import ALL
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
 _METADATA = {"render_modes": ["human", "rgb_array"], "render_fps": round(1.0 / CONTROL_PERIOD)}
@@ -104,7 +105,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
       scenario="gusts", vehicle="hummingbird", interface="body_rates")``. Another vehicle scales the forces of the
       scenario's wind. The ids other than ``QuadPendulum-v0`` replace the scenario's task by their own.
     - `task`, `wind`, `vehicle`, `interface`, `latency`, `sensors`, `actuators`, `parameters`, `loop`, `autopilot`,
-      `period`, `substeps`, `duration`, `wind_rise`, `output_feedback`: see `Scenario`. ``wind=None`` is no wind.
+      `period`, `substeps`, `duration`, `wind_rise`, `unscored`, `observation`: see `Scenario`. ``wind=None`` is no
+      wind.
     - `render_mode`: ``"human"`` opens a window that runs in real time; with ``"rgb_array"`` the method `render`
       returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs pygame-ce, the extra
       ``view``. Closing the window truncates the running episode; later episodes run without one.
@@ -124,9 +126,10 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         self.render_mode = render_mode
         self.world = World(1, self.scenario)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
-        self.observation_space = observation_space(self.scenario.observation_size)
+        layout = self.scenario.observation
+        self.observation_space = observation_space(layout.size, layout=tuple(layout))
         self.action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
-        self._observed = 0, observed_columns(self.scenario)
+        self._observed = 0, ALL.select(layout)
         self._steps: float = self.scenario.steps  # after which the environment truncates an episode
         self._seeded = False
 

@@ -46,8 +46,8 @@ from quadpend_gym.physics.rigid_settings import LOOP_SIZE, with_loop
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, EULER, POSITION, STATE_SIZE
 from quadpend_gym.physics.vectors import Vec3, load, load_four, norm, store, store_four
 from quadpend_gym.tasks.observation import (
-    OBSERVATION_SIZE,
-    REFERENCE_START,
+    ALL,
+    STATE_COLUMNS,
     Target,
     TrackingErrors,
     load_target,
@@ -68,6 +68,7 @@ _SENSED = slice(rows.OUTCOME_SIZE, rows.OUTCOME_SIZE + layout.SENSED_SIZE)
 _STATE, _ACTION, _REFERENCE, _POINT, _TIME, _END = accumulate(
     (rows.OUTCOME_SIZE + layout.SENSED_STATE.start, RIGID_LANE_SIZE, ACTION_SIZE, REFERENCE_SIZE, POINT_SIZE, 1)
 )
+_OBSERVED = ALL.size  # rows of the buffer of the observation
 _WIND = slice(rows.DISTURBANCE.start, rows.AIR_VELOCITY.stop)
 _TRACKING_ERROR = rows.TRACKING_ERROR.start  # first row, for `store`
 
@@ -152,7 +153,7 @@ def _run(
     physics_lanes, command_lanes = buffer[rows.PARAMETERS], buffer[rows.COMMAND]
     sensed_lanes, state_lanes, action_lanes = buffer[_SENSED], buffer[_STATE:_ACTION], buffer[_ACTION:_REFERENCE]
     reference_lanes, point_lanes, time = buffer[_REFERENCE:_POINT], buffer[_POINT:_TIME], buffer[_TIME]
-    observation_lanes = np.empty((OBSERVATION_SIZE, BLOCK), np.float32)
+    observation_lanes = np.empty((_OBSERVED, BLOCK), np.float32)
     lost = np.empty(BLOCK)
     loop_lanes, age_lanes = np.empty((LOOP_SIZE, BLOCK)), np.empty((ages.shape[0], BLOCK), np.int16)
     if rigid is None:
@@ -256,13 +257,12 @@ def _run(
             _copy(buffer, lanes, outcome[:, first:])
             if task.has_sensors:
                 _copy(sensed_lanes, lanes, sensed[:, first:])
-                scatter(observation_lanes[REFERENCE_START:], first, lanes, observation[:, REFERENCE_START:])
             else:
                 for lane in range(lanes):
                     target, rod_length = load_target(sensed_lanes, lane), physics_lanes[ROD_LENGTH, lane]
                     tracking = tracking_errors(state_lanes, lane, rod_length, target)
                     observe_state(state_lanes, lane, tracking, observation_lanes, lane)
-                scatter(observation_lanes, first, lanes, observation)
+            scatter(observation_lanes, first, lanes, observation)
     return NO_ERROR
 
 
@@ -294,15 +294,15 @@ def run_euler(
             `kernel_layout`; changed in place.
         clock: Control steps since each episode began, shape (n,), changed in place.
         columns: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (12, n). With sensors 26
-            further rows, an output: `MEASURE` then writes only the reference's part of the observation, and
-            `observe_sensed` the other part once the sensors have changed the state in these rows.
+            further rows, an output: `observe_sensed` then writes the state's part of the observation, once the
+            sensors have changed the state in these rows.
         action: Shape (n, 4), each component in [−1, 1]; the reward counts it, even where it acts later.
         ages: Control steps since the action that acts in each substep was issued, shape (s, n).
         loops: Numbers of the loop, shape (7, n), see `rigid_settings`.
         trajectories: `TrajectoryTable.numbers`.
         settings: A packed `KernelSettings`.
         diverged: Whether the state has diverged since the last `MEASURE`, shape (n,), changed in place.
-        observation: Output, shape (n, 36).
+        observation: Output, shape (n, m), laid out as `quadpend_gym.tasks.observation.ALL`.
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
         begin: A multiple of 64.
         end: A multiple of 64, or n.
@@ -338,12 +338,12 @@ def run_rigid(
 
 @compiled
 def observe_sensed(columns: Floats, observation: Floats32) -> None:
-    """Write the part of the observation, shape (n, 36), that depends on the state, from the sensed state.
+    """Write the part of the observation, shape (n, m), that depends on the state, from the sensed state.
 
     `columns` is the array that a step has written and the sensors have changed, shape (38, n).
     """
     sensed = columns[WIND_SIZE:]
-    state, lanes = sensed[layout.SENSED_STATE], np.empty((REFERENCE_START, BLOCK), np.float32)
+    state, lanes = sensed[layout.SENSED_STATE], np.empty((_OBSERVED, BLOCK), np.float32)
     for first in range(0, sensed.shape[1], BLOCK):
         size = min(BLOCK, sensed.shape[1] - first)
         for lane in range(size):
@@ -352,5 +352,5 @@ def observe_sensed(columns: Floats, observation: Floats32) -> None:
             tracking = tracking_errors(state, column, rod_length, target)
             observe_state(state, column, tracking, lanes, lane)
         for lane in range(size):
-            for field in range(REFERENCE_START):
+            for field in STATE_COLUMNS:
                 observation[first + lane, field] = lanes[field, lane]

@@ -16,10 +16,11 @@ from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import read_reset_options
-from quadpend_gym.envs.spaces import action_space, observation_space, observed_columns
+from quadpend_gym.envs.spaces import action_space, observation_space
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.library import as_scenario
+from quadpend_gym.tasks.observation import ALL
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
 _METADATA = {"render_modes": ["human", "rgb_array", "mosaic"], "render_fps": round(1.0 / CONTROL_PERIOD)}
@@ -77,11 +78,12 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self.world = World(num_envs, self.scenario, self.num_threads)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
-        self.single_observation_space = observation_space(self.scenario.observation_size)
+        layout = self.scenario.observation
+        self.single_observation_space = observation_space(layout.size, layout=tuple(layout))
         self.single_action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._columns = observed_columns(self.scenario)
+        self._columns = ALL.select(layout)
         self._ended = np.zeros(num_envs, np.bool_)
         self._seeded = np.zeros(num_envs, np.bool_)
 
@@ -103,7 +105,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
                 by default all.
 
         Returns:
-            The observations of all sub-environments, shape (num_envs, 36), and the info.
+            The observations of all sub-environments, shape (num_envs, m), and the info.
         """
         mask = self._mask((options or {}).get("reset_mask"))
         rows = np.flatnonzero(mask)

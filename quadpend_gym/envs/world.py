@@ -45,7 +45,7 @@ from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.tasks.observation import ALL
 from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_references
 from quadpend_gym.tasks.starts import draw_starts, start_pole
 from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable
@@ -90,7 +90,7 @@ class World:
         self._memory = np.zeros((num_envs, MEMORY_SIZE + self._plant.memory_size + under_way))
         self._diverged = np.zeros(num_envs, np.bool_)
         self.parameters[:] = simulation.parameters.as_array()
-        self._observation_like = (num_envs, OBSERVATION_SIZE), np.dtype(np.float32)
+        self._observation_like = (num_envs, ALL.size), np.dtype(np.float32)
         self.clock = np.zeros(num_envs, np.int64)
         self.episode = np.full(num_envs, -1, np.int64)
         self._seeds = np.zeros(num_envs, np.uint64)
@@ -266,12 +266,12 @@ class World:
         return out.astype(np.float32, order="C")
 
     def observe(self, rows: Integers) -> tuple[Floats32, Floats]:
-        """Return observation and outcome of the sub-environments `rows`, shapes (m, 36) and (k, m), before a step.
+        """Return observation and outcome of the sub-environments `rows`, shapes (m, j) and (k, m), before a step.
 
-        The outcome is that of a zero action in calm air, since no action or wind has led to the first state of an
-        episode.
+        The observation has all fields, `quadpend_gym.tasks.observation.ALL`. The outcome is that of a zero action in
+        calm air, since no action or wind has led to the first state of an episode.
         """
-        observation = np.empty((rows.size, OBSERVATION_SIZE), np.float32)
+        observation = np.empty((rows.size, ALL.size), np.float32)
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
         memory, clock = self._memory[rows], self.clock[rows] * self._plant_steps
@@ -294,7 +294,8 @@ class World:
                 rounding of float32, is clipped.
 
         Returns:
-            The observation, shape (n, 36), and the outcome, shape (k, n), whose rows `quadpend_gym.envs.outcome` names.
+            The observation of all fields, shape (n, j), and the outcome, shape (k, n), whose rows
+            `quadpend_gym.envs.outcome` names.
 
         Raises:
             ResetNeeded: If a sub-environment has no episode.

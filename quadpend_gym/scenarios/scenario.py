@@ -17,7 +17,7 @@ from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.randomization import Around, LoopRanges, ParameterRanges, RangesField
 from quadpend_gym.sensors import SensorsField, check_periods
 from quadpend_gym.tasks.feasibility import check_feasible
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.observation import FULL, ObservationLayout, ObservationSetting
 from quadpend_gym.tasks.task import TASKS, Task, TaskField
 from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES, Simulation, Vehicle
 from quadpend_gym.vehicles.simulation import Interface
@@ -66,7 +66,8 @@ class Scenario:
     duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0  # length of an episode
     wind_rise: Annotated[float, Range(0.0, 1e6, "s")] = 0.0  # the wind is multiplied by min(t/wind_rise, 1); 0: by 1
     unscored: Annotated[float, Range(0.0, 1e7, "s")] = 0.0  # at the beginning, where no error counts but falls do
-    output_feedback: Annotated[bool, Strict()] = False  # whether the observation has no velocities
+    # ``"full"``, ``"output_feedback"`` without velocities, or a list of the fields of `tasks.observation`
+    observation: Annotated[ObservationLayout, ObservationSetting] = FULL
     loop_known: Annotated[bool, Strict()] = True  # whether controllers know the delays, lags and rate limits above
     name: str = field(default="", compare=False)
     description: str = field(default="", compare=False)
@@ -93,11 +94,6 @@ class Scenario:
         """The models of the wind; those of presets are scaled for the vehicle, and they rise with `wind_rise`."""
         models = wind_models(self.wind, self.simulation)
         return tuple(Rising(model, self.wind_rise) for model in models) if self.wind_rise else models
-
-    @property
-    def observation_size(self) -> int:
-        """Number of components of an observation: 36, or 27 without velocities."""
-        return OUTPUT_FEEDBACK_SIZE if self.output_feedback else OBSERVATION_SIZE
 
     @property
     def steps(self) -> int:

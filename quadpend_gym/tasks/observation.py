@@ -1,70 +1,142 @@
-"""Layout and scales of the observation: 36 numbers, float32.
+"""The observation: fields by name, float32, each with a scale.
 
-`OBSERVATION_FIELDS` is the layout. Every number is divided by a fixed scale, so that it is of order one. The scales are
-powers of two, so the division has no rounding error. The tracking error is the error of the flat outputs in the world
-frame, as in the paper, (F_x − F_xd, F_y − F_yd, z − z_d): its horizontal part is that of the bob, its vertical part
-that of the quadrotor. ψ_e = ψ − ψ_d. The observation does not contain the wind.
+`FIELDS` is the table of all fields, and an `ObservationLayout` the names of those that an observation has, in their
+order; `PRESETS` has layouts by name. Every number is divided by a fixed scale, so that it is of order one. The scales
+are powers of two, so the division has no rounding error. The tracking error is the error of the flat outputs in the
+world frame, as in the paper, (F_x − F_xd, F_y − F_yd, z − z_d): its horizontal part is that of the bob, its vertical
+part that of the quadrotor. ψ_e = ψ − ψ_d. The observation does not contain the wind.
+
+A further field is a row at the end of the table, written by `observe_state` or `observe_reference`.
 """
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.core.settings import look_up
+from quadpend_gym.core.settings import Parsed, look_up
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, axpy, load, store
 from quadpend_gym.tasks.references import ReferencePoint
 
-_SCALES: dict[str, tuple[float, float, float]] = {
-    "tracking_error": (0.5, 0.5, 0.5),  # e, m
-    "tracking_error_rate": (1.0, 1.0, 1.0),  # ė, m/s
-    "direction": (0.25, 0.25, 1.0),  # r
-    "direction_rate": (1.0, 1.0, 1.0),  # ṙ, 1/s
-    "attitude": (0.25, 0.25, 0.25),  # φ, θ, ψ_e, rad
-    "euler_rate": (2.0, 2.0, 2.0),  # φ̇, θ̇, ψ̇, rad/s
-    "reference_2": (1.0, 1.0, 1.0),  # F_d⁽²⁾, m/s²
-    "reference_3": (2.0, 2.0, 2.0),  # F_d⁽³⁾, m/s³
-    "reference_4": (4.0, 4.0, 4.0),  # F_d⁽⁴⁾, m/s⁴
-    "reference_5": (8.0, 8.0, 8.0),  # F_d⁽⁵⁾, m/s⁵
-    "reference_6": (16.0, 16.0, 16.0),  # F_d⁽⁶⁾, m/s⁶
-    "yaw_reference": (1.0, 1.0, 1.0),  # ψ_d, ψ̇_d, ψ̈_d, rad, rad/s, rad/s²
+
+class ObservationField(NamedTuple):
+    """A field of the observation: symbol, unit and frame of its numbers, and the scales that divide them."""
+
+    symbol: str
+    unit: str
+    frame: str
+    scale: tuple[float, ...]
+    source: Literal["state", "reference"]  # on which it depends; the state is that of the sensors
+
+
+FIELDS: dict[str, ObservationField] = {
+    "tracking_error": ObservationField("e", "m", "world", (0.5, 0.5, 0.5), "state"),
+    "tracking_error_rate": ObservationField("ė", "m/s", "world", (1.0, 1.0, 1.0), "state"),
+    "direction": ObservationField("r", "1", "world", (0.25, 0.25, 1.0), "state"),
+    "direction_rate": ObservationField("ṙ", "1/s", "world", (1.0, 1.0, 1.0), "state"),
+    "attitude": ObservationField("φ, θ, ψ_e", "rad", "Euler angles", (0.25, 0.25, 0.25), "state"),
+    "euler_rate": ObservationField("φ̇, θ̇, ψ̇", "rad/s", "Euler angles", (2.0, 2.0, 2.0), "state"),
+    "reference_2": ObservationField("F_d⁽²⁾", "m/s²", "world", (1.0, 1.0, 1.0), "reference"),
+    "reference_3": ObservationField("F_d⁽³⁾", "m/s³", "world", (2.0, 2.0, 2.0), "reference"),
+    "reference_4": ObservationField("F_d⁽⁴⁾", "m/s⁴", "world", (4.0, 4.0, 4.0), "reference"),
+    "reference_5": ObservationField("F_d⁽⁵⁾", "m/s⁵", "world", (8.0, 8.0, 8.0), "reference"),
+    "reference_6": ObservationField("F_d⁽⁶⁾", "m/s⁶", "world", (16.0, 16.0, 16.0), "reference"),
+    "yaw_reference": ObservationField("ψ_d, ψ̇_d, ψ̈_d", "rad, rad/s, rad/s²", "world", (1.0, 1.0, 1.0), "reference"),
 }
-_RATES = ("tracking_error_rate", "direction_rate", "euler_rate")
 
 
-def _layout(names: Iterable[str]) -> dict[str, slice]:
-    return {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(names)}
+class ObservationLayout(tuple[str, ...]):
+    """The names of the fields of an observation, in their order, and how to read it by them."""
+
+    @cached_property
+    def columns(self) -> dict[str, slice]:
+        """The columns of each field."""
+        ends = np.cumsum([0, *(len(FIELDS[name].scale) for name in self)]).tolist()
+        return {name: slice(*pair) for name, pair in zip(self, pairwise(ends), strict=True)}
+
+    @cached_property
+    def scale(self) -> Floats:
+        """The scale of each number, shape (size,)."""
+        return np.concatenate([FIELDS[name].scale for name in self])
+
+    @property
+    def size(self) -> int:
+        """Number of numbers of an observation."""
+        return int(self.scale.size)
+
+    def select(self, names: Iterable[str]) -> Any:
+        """Return the columns of fields in the order of their names: a slice where they are next to each other."""
+        columns = np.concatenate([np.r_[self.columns[name]] for name in names])
+        return slice(int(columns[0]), int(columns[-1]) + 1) if (np.diff(columns) == 1).all() else columns
+
+    def read(self, observation: Floats32 | Floats, name: str) -> Floats:
+        """Return a field of observations, shape (..., size), in physical units, shape (..., k), float64."""
+        if np.shape(observation)[-1] != self.size:
+            raise ValueError(
+                f"an observation of {', '.join(self)} has {self.size} numbers, not {observation.shape[-1]}"
+            )
+        columns = look_up(self.columns, name, "field of the observation")
+        return np.asarray(observation[..., columns] * self.scale[columns])
 
 
-OBSERVATION_FIELDS = _layout(_SCALES)
-OBSERVATION_SCALE: Floats = np.array(list(_SCALES.values())).ravel()
-OBSERVATION_SIZE = OBSERVATION_SCALE.size
-# The output-feedback observation has all fields except the rates.
-OUTPUT_FEEDBACK_FIELDS = _layout(name for name in _SCALES if name not in _RATES)
-OUTPUT_FEEDBACK_COLUMNS = np.concatenate([np.r_[OBSERVATION_FIELDS[name]] for name in OUTPUT_FEEDBACK_FIELDS])
-OUTPUT_FEEDBACK_SIZE = OUTPUT_FEEDBACK_COLUMNS.size
-_LAYOUTS = {OBSERVATION_SIZE: OBSERVATION_FIELDS, OUTPUT_FEEDBACK_SIZE: OUTPUT_FEEDBACK_FIELDS}
-# The columns before this one depend on the state, the others on the reference only.
+FULL = ObservationLayout(FIELDS)
+OUTPUT_FEEDBACK = ObservationLayout(name for name in FULL if not name.endswith("_rate"))  # no velocities
+PRESETS = {"full": FULL, "output_feedback": OUTPUT_FEEDBACK}
+
+
+def as_layout(value: Any) -> ObservationLayout:
+    """Return the layout of a preset by its name, or of a list of fields."""
+    if isinstance(value, str):
+        return look_up(PRESETS, value, "preset of the observation", more=", or give a list of fields")
+    if not isinstance(value, list | tuple) or not value or not all(isinstance(name, str) for name in value):
+        raise ValueError(
+            f"the observation must be {' or '.join(map(repr, PRESETS))}, or a list of fields, not {value!r}"
+        )
+    for name in value:
+        look_up(FIELDS, name, "field of the observation")
+    if len(set(value)) < len(value):
+        raise ValueError(f"the observation must have each field once, not {list(value)}")
+    return ObservationLayout(value)
+
+
+def _accepted() -> Any:
+    presets: Any = Literal[tuple(PRESETS)]
+    names: Any = Literal[tuple(FIELDS)]
+    return presets | list[names]
+
+
+ObservationSetting = Parsed(as_layout, _accepted)
+
+
+def read_observation(observation: Floats32 | Floats, name: str, fields: Any = FULL) -> Floats:
+    """Return a field of observations, shape (..., m), in physical units, shape (..., k), float64.
+
+    `fields` are those of the observation: `Scenario.observation`, the name of a preset, or a list.
+    """
+    return as_layout(fields).read(observation, name)
+
+
+# What is measured of all fields, and the columns there that depend on the state.
+ALL = ObservationLayout(FIELDS)
+STATE_COLUMNS = np.concatenate([np.r_[ALL.columns[name]] for name in FIELDS if FIELDS[name].source == "state"])
+OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE = FULL.columns, FULL.scale, FULL.size
+OUTPUT_FEEDBACK_FIELDS, OUTPUT_FEEDBACK_SIZE = OUTPUT_FEEDBACK.columns, OUTPUT_FEEDBACK.size
+OUTPUT_FEEDBACK_COLUMNS = FULL.select(OUTPUT_FEEDBACK)
+# The columns of the full observation before this one depend on the state, the others on the reference only.
 REFERENCE_START = OBSERVATION_FIELDS["reference_2"].start
 
 # First column of each field, as constants that compiled functions can read.
-_TRACKING_ERROR, _TRACKING_ERROR_RATE, _DIRECTION, _DIRECTION_RATE, _ATTITUDE, _EULER_RATE = range(0, 18, 3)
-_REFERENCE_2, _REFERENCE_3, _REFERENCE_4, _REFERENCE_5, _REFERENCE_6, _YAW_REFERENCE = range(18, 36, 3)
-
-
-def read_observation(observation: Floats32 | Floats, name: str) -> Floats:
-    """Return one of `OBSERVATION_FIELDS` in physical units, shape (..., 3), float64.
-
-    Observations have the shape (..., 36), or (..., 27) without velocities.
-    """
-    fields = _LAYOUTS.get(observation.shape[-1])
-    if fields is None:
-        raise ValueError(f"an observation has {' or '.join(map(str, _LAYOUTS))} numbers, not {observation.shape[-1]}")
-    columns = look_up(fields, name, "field of the observation")
-    return np.asarray(observation[..., columns] * OBSERVATION_SCALE[OBSERVATION_FIELDS[name]])
+_TRACKING_ERROR, _TRACKING_ERROR_RATE, _DIRECTION, _DIRECTION_RATE, _ATTITUDE, _EULER_RATE = (
+    ALL.columns[name].start for name in FIELDS if FIELDS[name].source == "state"
+)
+_REFERENCE_2, _REFERENCE_3, _REFERENCE_4, _REFERENCE_5, _REFERENCE_6, _YAW_REFERENCE = (
+    ALL.columns[name].start for name in FIELDS if FIELDS[name].source == "reference"
+)
 
 
 class Target(NamedTuple):
@@ -114,7 +186,7 @@ def tracking_errors(state: Any, lane: int, rod_length: float, target: Target) ->
     return TrackingErrors(error, error_rate, turned - 2.0 * np.pi * np.rint(turned / (2.0 * np.pi)))
 
 
-_RECIPROCAL = (1.0 / OBSERVATION_SCALE).astype(np.float32)
+_RECIPROCAL = (1.0 / ALL.scale).astype(np.float32)
 
 
 @inlined
@@ -127,7 +199,8 @@ def _store_scaled(out: Any, first: int, lane: int, a: Vec3) -> None:
 def observe_state(state: Any, lane: int, tracking: TrackingErrors, out: Any, place: int) -> None:
     """Write the fields that depend on the state in column `lane` of an (18, n) buffer, true or measured.
 
-    `tracking` are its tracking errors; the fields are written into column `place` of a (36, m) float32 buffer.
+    `tracking` are its tracking errors; the fields are written into column `place` of an (m, n) float32 buffer with
+    the rows of `ALL`.
     """
     euler = load(state, EULER, lane)
     attitude = Vec3(euler.x, euler.y, tracking.yaw_error)
@@ -141,7 +214,7 @@ def observe_state(state: Any, lane: int, tracking: TrackingErrors, out: Any, pla
 
 @inlined
 def observe_reference(reference: ReferencePoint, lane: int, out: Any) -> None:
-    """Write the fields that depend on the reference only into column `lane` of a (36, n) float32 buffer."""
+    """Write the fields that depend on the reference only into column `lane` of such a buffer."""
     _store_scaled(out, _REFERENCE_2, lane, reference.d2)
     _store_scaled(out, _REFERENCE_3, lane, reference.d3)
     _store_scaled(out, _REFERENCE_4, lane, reference.d4)

@@ -28,7 +28,7 @@ TURBULENCE = ("WindWrapper", Dryden("moderate"))
 SENSORS = ("sensors", [NOISE, Dropout(0.2), SampleHold(0.02), Delay(2)])
 ACTUATORS = ("actuators", [PacketLoss(0.2), ActionDelay(2), RateLimit(50.0), MotorLag(0.03)])
 PARAMETERS = ("parameters", RANGES)
-OUTPUTS = ("output_feedback", True)
+OUTPUTS = ("observation", "output_feedback")
 HISTORY = ("HistoryWrapper", 3, 2)
 
 STACKS: dict[str, Layers] = {

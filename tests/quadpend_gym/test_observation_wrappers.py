@@ -11,6 +11,7 @@ from stable_baselines3 import PPO
 from quadpend_baselines import ADRC
 from quadpend_gym import OBSERVATION_FIELDS, Reference, read_observation
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
 from quadpend_gym.wrappers import HistoryWrapper
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from tests.helpers.envs import draw_actions, make_unwrapped, run_actions
@@ -38,11 +39,13 @@ def test_output_feedback_keeps_every_field_but_the_velocities() -> None:
         assert env.observation_space.contains(outputs)
         for name in OBSERVATION_FIELDS:
             if name not in HIDDEN:
-                assert_array_equal(read_observation(outputs, name), read_observation(observation, name))
+                assert_array_equal(
+                    read_observation(outputs, name, OUTPUT_FEEDBACK), read_observation(observation, name)
+                )
 
 
 def test_states_that_differ_only_in_velocities_give_the_same_observation() -> None:
-    env = make_unwrapped(output_feedback=True)
+    env = make_unwrapped(observation="output_feedback")
     still, moving = (
         env.reset(
             seed=0,

@@ -10,7 +10,6 @@ import numpy as np
 
 from quadpend_baselines.estimation.estimate import LOOP, REFERENCE, STATE, YAW, Estimate
 from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, load_state, store_vectors
-from quadpend_gym import read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.vectors import Vec3
@@ -32,7 +31,7 @@ def measures_rates(observation: Floats32) -> bool:
     """Return whether observations, shape (n, 36), or (n, 27) without velocities, contain rates."""
     size: int = observation.shape[1]
     if size not in (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE):
-        read_observation(observation, "direction")  # says which sizes there are
+        raise ValueError(f"an observation has {OBSERVATION_SIZE} or {OUTPUT_FEEDBACK_SIZE} numbers, not {size}")
     return size == OBSERVATION_SIZE
 
 

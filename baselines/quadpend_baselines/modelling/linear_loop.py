@@ -30,7 +30,7 @@ from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay, SampleHold
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
+from quadpend_gym.tasks.observation import ALL
 from quadpend_gym.wind import WIND_SIZE
 
 _STEPS = 2.0**-12, 2.0**-14  # of the differences of a policy; exact in float32
@@ -49,8 +49,9 @@ _STATES = _names(position=3, velocity=3, attitude=3, rate=3, pendulum=2, pendulu
 
 
 def _measured(scenario: Scenario) -> list[str]:
-    hidden = ("velocity", "rate", "pendulum_rate") if scenario.output_feedback else ()
-    return [name for name in _STATES if not name.startswith(hidden)]
+    _, slope = _observed("observation", scenario)
+    used = slope[ALL.select(scenario.observation)].any(axis=0)
+    return [name for name, is_used in zip(_STATES, used, strict=True) if is_used]
 
 
 def _at_hover(x: Floats, side: float) -> Floats:
@@ -221,8 +222,8 @@ def linear_policy(policy: Any, scenario: Scenario) -> Any:
     measured = _measured(scenario)
     rest, slope = _observed("observation", scenario)
     slope = slope[:, np.isin(_STATES, measured)]
-    if scenario.output_feedback:
-        rest, slope = rest[OUTPUT_FEEDBACK_COLUMNS], slope[OUTPUT_FEEDBACK_COLUMNS]
+    columns = ALL.select(scenario.observation)
+    rest, slope = rest[columns], slope[columns]
     memory, count = None, len(measured)
     for step in range(_SETTLED):
         action, memory = policy.predict(rest[np.newaxis].astype(np.float32), memory, np.array([step == 0]))

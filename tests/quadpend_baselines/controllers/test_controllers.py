@@ -31,7 +31,7 @@ FLIGHTS = {
     "wrench": Scenario(vehicle="hummingbird"),
     "rotors": Scenario(vehicle="x500", interface="rotors", period=0.02, substeps=8),
     "body_rates": Scenario(
-        vehicle="racer", interface="body_rates", period=0.02, substeps=8, latency=0.02, output_feedback=True
+        vehicle="racer", interface="body_rates", period=0.02, substeps=8, latency=0.02, observation="output_feedback"
     ),
 }
 

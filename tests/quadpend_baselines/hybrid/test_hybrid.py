@@ -27,13 +27,13 @@ from tests.helpers.wrappers import SHORT
 SAME_STEP = {"autoreset_mode": "SameStep"}
 FORCES = (0.1, -0.2, 0.1)  # N
 observers = pytest.mark.parametrize("name", ["flatness", "lqi", "adrc-matched"])
-feedbacks = pytest.mark.parametrize("outputs", [False, True], ids=["whole", "outputs"])
+feedbacks = pytest.mark.parametrize("outputs", ["full", "output_feedback"])
 
 
 @observers
 @feedbacks
-def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(name: str, outputs: bool) -> None:
-    env = make_vec(5, wind="windy", output_feedback=outputs, **SAME_STEP)
+def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(name: str, outputs: str) -> None:
+    env = make_vec(5, wind="windy", observation=outputs, **SAME_STEP)
     observation, _ = env.reset(seed=0)
     policy: Any = controller(name)
     action, known = policy.predict(observation)
@@ -72,11 +72,11 @@ def test_policy_that_acts_alone_observes_the_state_in_which_its_action_acts() ->
 
 @observers
 @feedbacks
-def test_zero_residual_is_the_base_controller_alone(name: str, outputs: bool) -> None:
+def test_zero_residual_is_the_base_controller_alone(name: str, outputs: str) -> None:
     """Exactly, in every sub-environment, across the ends of episodes."""
     runs = []
     for policy in (controller(name), HybridPolicy(ResidualAction(name, 0.7))):
-        env = make_vec(6, wind="windy", output_feedback=outputs, **SAME_STEP, **SHORT)
+        env = make_vec(6, wind="windy", observation=outputs, **SAME_STEP, **SHORT)
         runs.append(run_policy(policy, env, 70))
     assert_same(runs[0][0], runs[1][0])
     assert_same([part[:4] for part in runs[0][1]], [part[:4] for part in runs[1][1]])

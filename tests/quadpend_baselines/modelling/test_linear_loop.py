@@ -92,7 +92,7 @@ def test_a_slower_sensor_has_no_linear_model() -> None:
 
 
 def test_names_delays_and_outputs_of_the_model() -> None:
-    late = {"latency": 0.015, "sensors": [{"kind": "delay", "steps": 2}], "output_feedback": True}
+    late = {"latency": 0.015, "sensors": [{"kind": "delay", "steps": 2}], "observation": "output_feedback"}
     vehicle = vehicle_model(Scenario(vehicle="hummingbird", interface="body_rates", **late))
     assert vehicle.nstates == 16 + 4 + 2 * 4 + 2 * 8
     assert {"rotor_thrust[3]", "latency_2[0]", "sensor_delay_2_pendulum[1]"} < set(vehicle.state_labels)

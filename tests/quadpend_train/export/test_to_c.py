@@ -30,7 +30,7 @@ DOUBLE, NO_LIBM = "-DQUADPEND_DOUBLE", "-DQUADPEND_NO_LIBM"
 
 def scenario(name: str, **parts: Any) -> Scenario:
     """A scenario without measured velocities."""
-    return replace(find_scenarios([name])[name], output_feedback=True, **parts)
+    return replace(find_scenarios([name])[name], observation="output_feedback", **parts)
 
 
 POLICIES = {name: scenario("flight_breeze") for name in ("lqg", "apg-flight-0")}

@@ -51,7 +51,7 @@ def test_unobserved_velocities_are_finite_differences() -> None:
     recording = Recording()
     policy = FiniteDifferencePolicy(recording, Scenario().period)
     full = Scenario().make_vec(20, AutoresetMode.SAME_STEP)
-    hidden = Scenario(output_feedback=True).make_vec(20, AutoresetMode.SAME_STEP)
+    hidden = Scenario(observation="output_feedback").make_vec(20, AutoresetMode.SAME_STEP)
     true, observation, memory = full.reset(seed=3)[0], hidden.reset(seed=3)[0], None
     rates = [OBSERVATION_FIELDS[name] for name in ("tracking_error_rate", "direction_rate", "euler_rate")]
     others = np.delete(np.arange(36), np.r_[tuple(rates)])
@@ -68,7 +68,7 @@ def test_unobserved_velocities_are_finite_differences() -> None:
 
 def test_learned_policy_receives_finite_differences_only_if_it_needs_them() -> None:
     """A base controller with an estimator needs none."""
-    hidden, whole, outputs = Scenario(output_feedback=True), mlp_policy(36), mlp_policy(27)
+    hidden, whole, outputs = Scenario(observation="output_feedback"), mlp_policy(36), mlp_policy(27)
     assert whole.adapt(Scenario()) is whole
     assert outputs.adapt(hidden) is outputs
     adrc = mlp_policy(45, hybrid={**ESTIMATE_ONLY, "base_controller": "adrc-paper"})

@@ -24,7 +24,7 @@ from tests.helpers.training import train_policy, trained_arrays
 
 LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
 CURVE = {"kind": "sinusoids", "terms": [{"amplitude": 0.3, "frequency": 1.0}]}
-WITHOUT_RATES = json.dumps({"wind": "windy", "output_feedback": True})
+WITHOUT_RATES = json.dumps({"wind": "windy", "observation": "output_feedback"})
 DELAYED = json.dumps({"sensors": {"kind": "delay", "steps": 3}})
 BRIEF = TrainSettings(
     algo="apg",
@@ -119,13 +119,13 @@ WINDOWS: dict[str, dict[str, Any]] = {
     "noise, no velocities": {
         "task": {"trajectory": CURVE},
         "sensors": {"kind": "noise", "position": 1e-3, "euler": 1e-3},
-        "output_feedback": True,
+        "observation": "output_feedback",
     },
 }
 STARTS = "position", "velocity", "angle", "angle_rate", "direction", "direction_rate"
 # A drawn loop, along a curve, from its beginning, without velocities
 ON_CURVE = {"trajectory": CURVE, "start": dict.fromkeys(STARTS, 0.0)}
-DEVIATIONS = {**HUMMINGBIRD, **DRAWN, "task": ON_CURVE, "output_feedback": True, "wind": "breeze"}
+DEVIATIONS = {**HUMMINGBIRD, **DRAWN, "task": ON_CURVE, "observation": "output_feedback", "wind": "breeze"}
 
 
 def linear_feedback(scenario: Scenario) -> Any:

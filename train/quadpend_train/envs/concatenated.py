@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from quadpend_gym.envs.spaces import action_meaning, action_space
+from quadpend_gym.envs.spaces import action_space, meaning_of
 from quadpend_gym.wrappers import last_observations, replace_final_observations
 
 
@@ -31,7 +31,7 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
         self.single_observation_space = first.single_observation_space
         self.single_action_space = first.single_action_space
         if len({world.simulation.vehicle.name for env in envs for world in worlds(env)}) > 1:
-            self.single_action_space = action_space(**action_meaning(first.single_action_space) | {"vehicle": "any"})
+            self.single_action_space = action_space(**meaning_of(first.single_action_space) | {"vehicle": "any"})
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         edges = np.cumsum([0, *(env.num_envs for env in envs)])

@@ -46,5 +46,5 @@ def loop_margins(learners: Mapping[str, list[Policy]], scenarios: Mapping[str, S
 
 def _loop(scenario: Scenario) -> str:
     """Return a text that is the same for scenarios with the same linear loop."""
-    delays = scenario.sensors, scenario.actuators, scenario.output_feedback, scenario.loop_known
+    delays = scenario.sensors, scenario.actuators, scenario.observation, scenario.loop_known
     return repr((scenario.simulation, scenario.task.side, scenario.task.pendulum, *delays))

@@ -23,6 +23,7 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_gym.sensors import Delay
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
 from quadpend_train.common.files import atomic
 from quadpend_train.export.program import program
 from quadpend_train.policies.compiled import samples_of
@@ -47,7 +48,7 @@ def export_c(
     Args:
         policy: The policy, not adapted.
         name: Its name, for comments.
-        scenario: The scenario. Velocities are not measured, as in scenarios with ``output_feedback``.
+        scenario: The scenario. Velocities are not measured, as in scenarios with the observation ``"output_feedback"``.
         out: The source to write; the header and the golden vectors (``_check.c``) are written beside it.
         gain_steps: Corrections from which on a gain of the Kalman filter is used.
 
@@ -60,7 +61,7 @@ def export_c(
     stem = out.stem
     if out.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", stem, re.ASCII):
         raise ValueError(f"the name of a C file must be letters, digits and _, and end with .c, not {out.name!r}")
-    scenario = replace(scenario, output_feedback=True)
+    scenario = replace(scenario, observation=OUTPUT_FEEDBACK)
     adapted = adapt(policy, name, scenario, gain_steps)
     inner = _inner(adapted)
     simulation, found = scenario.simulation, program(inner, scenario.simulation)

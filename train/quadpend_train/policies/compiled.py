@@ -18,7 +18,7 @@ from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.c_library import load_c
 from quadpend_gym.physics.state import State
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
 
 C_PREFIX = "c:"  # of the names of these policies
 SAMPLE_SIZE = 34  # position, quaternion and direction; seven derivatives of the reference, and the yaw reference
@@ -53,9 +53,9 @@ def samples_of(observation: Floats32, rod_length: float) -> Floats:
     state = State(measured.state)
     x, y, z, w = Rotation.from_euler("xyz", state.euler).as_quat().T
     quaternion = np.stack([w, x, y, z], axis=1)
-    orders = [read_observation(seen, f"reference_{order}") for order in range(2, 7)]
+    orders = [read_observation(seen, f"reference_{order}", OUTPUT_FEEDBACK) for order in range(2, 7)]
     none = np.zeros((len(seen), 6))
-    yaw = read_observation(seen, "yaw_reference")
+    yaw = read_observation(seen, "yaw_reference", OUTPUT_FEEDBACK)
     return np.hstack([state.position, quaternion, state.direction, none, *orders, yaw])
 
 

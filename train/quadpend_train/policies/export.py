@@ -13,7 +13,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.envs.spaces import action_meaning
+from quadpend_gym.envs.spaces import meaning_of
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 from quadpend_train.policies.normalization import STATISTICS, Normalization, from_vec_normalize, statistics_files
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, actor_modules, read_zip
@@ -97,7 +97,7 @@ def trained_for(model: Any) -> dict[str, str]:
     Raises:
         ValueError: If the model is a part of a hybrid, which does not fly alone.
     """
-    found = action_meaning(model.action_space)
+    found = meaning_of(model.action_space)
     if "hybrid" in found:
         raise ValueError(f"the model is the network of a hybrid ({found['hybrid']}): give the policy file of its run")
     return found
