@@ -105,7 +105,7 @@ REFUSED = {
     "latin-1": ("höhe,".encode("latin-1") + TEXT, "UTF-8.*codec"),
     "text": (at("x", "lost", 6), "'lost' in column 'x' of row 7"),
     "names again": (TEXT + TEXT, "'time' in column 'time' of row 301"),
-    "zero bytes at the end": (TEXT + b"\0" * 50, "in column 'time' of row 301"),
+    "zero bytes at the end": (TEXT + b"\0" * 50, "zero bytes in row 301; cut it there"),
     "thousands": (at("motor1", "1,500"), "'1,500' in column 'motor1' of row 1"),
     "inf": (at("x", np.inf, 6), "'inf' in column 'x' of row 7"),
     "huge": (at("motor2", 1e300, 6), r"'1e\+300' in column 'motor2' of row 7"),

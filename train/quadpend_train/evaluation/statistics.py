@@ -187,8 +187,10 @@ def p_value(differences: Floats) -> float:
 def _p_value_over_seeds(centre: float, half_width: Callable[[float], float]) -> float:
     """Return the level at which the interval (1) reaches zero."""
     distance = abs(centre)
-    if not distance or half_width(_SMALLEST_P) <= distance:
-        return _SMALLEST_P if distance else 1.0
+    if distance <= half_width(1.0):  # zero but for rounding: SciPy before 1.17 has t(1/2) = 1e-17
+        return 1.0
+    if half_width(_SMALLEST_P) <= distance:
+        return _SMALLEST_P
     log = optimize.brentq(lambda log: half_width(np.exp(log)) - distance, np.log(_SMALLEST_P), 0.0)
     return float(np.exp(log))
 

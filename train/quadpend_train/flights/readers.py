@@ -67,6 +67,9 @@ def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> F
 
 def _csv(path: Path) -> pd.DataFrame:
     """Return all columns."""
+    before, zero, _ = path.read_bytes().partition(b"\0")
+    if zero and (row := before.count(b"\n")):  # in the line of names: not UTF-8; pandas before 3.1 skips rows of zeros
+        raise ValueError(f"it has zero bytes in row {row}; cut it there")
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)  # rows with more cells than names
         table = pd.read_csv(path, index_col=False, skipinitialspace=True, low_memory=False)
