@@ -20,12 +20,11 @@ from quadpend_gym.scenarios import SCENARIOS, find_scenarios
 from quadpend_train.common.executors import run
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, compare
-from quadpend_train.evaluation.delay_budget import delay_budget
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
+from quadpend_train.evaluation.linear_models import reference
+from quadpend_train.evaluation.measures import call_time, delay_budget, recovery
 from quadpend_train.evaluation.ranking import multiple
-from quadpend_train.evaluation.recovery import recovery
-from quadpend_train.evaluation.references import reference
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, tables
 
@@ -53,6 +52,18 @@ def delay_margins(found: Comparison, seed: int, jobs: int) -> dict[str, Interval
     return {name: Interval(float(np.median(each)), min(each), max(each)) for name, each in values.items()}
 
 
+def ranking_with_costs(found: Comparison) -> list[list[str]]:
+    """Return the ranking with the time of a call in the first scenario, and the smallest margin of the linear loops."""
+    headings, *rows = tables.ranking_rows(found)
+    table, first = [[*headings, "call (µs)", "delay margin (ms)"]], next(iter(found.scenarios.values()))
+    for row in rows:
+        margins = [found.margins.get((scenario, row[1])) for scenario in found.scenarios]
+        margin = min((1000.0 * each.delay for each in margins if each), default=np.nan)
+        call = 1e6 * call_time(found.learners[row[1]][0], first)
+        table.append([*row, format_number(call), format_number(margin)])
+    return table
+
+
 def matrix(table: pd.DataFrame, found: Comparison) -> str:
     """Return errors in mm with their multiples, and survivals below 100 %, in Markdown, a line for each scenario."""
     rows, own = [], {name: reference(scenario)[1] for name, scenario in found.scenarios.items()}
@@ -73,8 +84,9 @@ def origins(found: Comparison) -> str:
         card, search, spread = cards[0], HUMMINGBIRD_TUNED.get(policy), "–"
         texts = [", ".join(search.scenarios), f"`{search.command}`"] if search else ["–", "set by hand"]
         if card:
+            names = [item if isinstance(item, str) else item["name"] for item in card["settings"]["scenarios"]]
             seconds = np.mean([item["seconds"] for item in cards])
-            texts = [", ".join(card["settings"]["scenarios"]), f"{card['steps']:,} steps, {seconds:.0f} s"]
+            texts = [", ".join(names), f"{card['steps']:,} steps, {seconds:.0f} s"]
         if len(seeds) > 1:
             errors = errors_of(found, policy)
             each = [multiple([error[i : i + 1] for error in errors], limits).value for i in range(len(seeds))]
@@ -110,9 +122,8 @@ def slow_table(found: Comparison, seed: int, jobs: int) -> str:
     slow = compare(SLOW, SLOW_SCENARIOS, SLOW_EPISODES, seed, CACHE, jobs=jobs)
     same = (found.table["episode"] < SLOW_EPISODES) & found.table["scenario"].isin(SLOW_SCENARIOS)
     every, learners = pd.concat([found.table[same], slow.table]), found.learners | slow.learners
-    headings, *rows = tables.ranking_rows(
-        replace(slow, table=every, learners=learners, margins=found.margins | slow.margins)
-    )
+    both = replace(slow, table=every, learners=learners, margins=found.margins | slow.margins)
+    headings, *rows = ranking_with_costs(both)
     return markdown_table(headings[1:], [row[1:] for row in rows])  # too few episodes for a rank
 
 
@@ -122,7 +133,7 @@ def main() -> None:
     settings, page, published = (given.episodes, given.seed), given.out / "tables.md", FOLDER / "tables.md"
     found = compare([*map(training_seeds, given.policies)], ["flight"], *settings, CACHE, jobs=given.jobs)
     delays, table = delay_margins(found, given.seed, given.jobs), cell_table(found)
-    rows = [[*row, "extra delay (ms)"] for row in tables.ranking_rows(found)]
+    rows = [[*row, "extra delay (ms)"] for row in ranking_with_costs(found)]
     for row in rows[1:]:
         row[-1] = format_interval(delays[row[1]].scaled(1e3))
     parts = {

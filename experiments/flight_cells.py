@@ -8,9 +8,9 @@ import pandas as pd
 
 from experiments.lqg_front import PATH
 from quadpend_train.evaluation.comparison import Comparison
+from quadpend_train.evaluation.metrics import cells
 from quadpend_train.evaluation.ranking import multiple, survivors
 from quadpend_train.evaluation.statistics import Interval
-from quadpend_train.evaluation.table import cells
 from quadpend_train.reports import figures
 
 MARKERS = "os^vDP*X<>ph"

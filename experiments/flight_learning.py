@@ -17,10 +17,10 @@ import numpy as np
 from experiments.pages import CACHE, DOCS, fill, made_by, options, training_seeds
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
-from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair
+from quadpend_train.evaluation.metrics import cells
+from quadpend_train.evaluation.pairwise import compare_pair, compare_pairs
 from quadpend_train.evaluation.ranking import multiple, survivors
 from quadpend_train.evaluation.statistics import mean
-from quadpend_train.evaluation.table import cells
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import read_settings, settings_of_card, with_values
@@ -92,7 +92,7 @@ def budgets(found: Comparison) -> str:
 def memory(found: Comparison) -> str:
     """Return survival and error with a model mismatch, and their difference from `apg-flight`, in Markdown."""
     (scenario,), rows, values = found.scenarios, [], cells(found.table)
-    pairs = compare_all_pairs(found.table)
+    pairs = compare_pairs(found.table, [(LEARNERS[0], name) for name in found.policies if name != LEARNERS[0]])
     for name in found.policies:
         error, row = multiple([survivors(values[scenario, name])], [1e-3]), ["–", "–"]
         if name != LEARNERS[0]:

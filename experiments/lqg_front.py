@@ -20,19 +20,20 @@ from scipy.optimize import differential_evolution
 from experiments.pages import DOCS
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains
+from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.modelling.linear_loop import linear_policy, margins, vehicle_model
 from quadpend_baselines.modelling.linear_reference import linear_reference, stationary_error
+from quadpend_gym.core.nested import changed
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.sensors import Noise
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
 from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
-from quadpend_train.evaluation.delay_budget import delay_budget
 from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
+from quadpend_train.evaluation.linear_models import reference
+from quadpend_train.evaluation.measures import delay_budget
 from quadpend_train.evaluation.ranking import multiple, survivors
-from quadpend_train.evaluation.references import reference
 
 HOVER = Scenario(
     task=TASKS["hover"],
@@ -55,7 +56,7 @@ RANGES = {
 
 def design(values: dict[str, float]) -> OutputFeedback:
     """Return `lqg` with the gains `values`, and without an estimate of the mass."""
-    gains = replace_gains(gains_for("lqg", HOVER.simulation), values | {"estimator.mass_time": 0.0})
+    gains = changed(gains_for("lqg", HOVER.simulation), values | {"estimator.mass_time": 0.0})
     return OutputFeedback(Lqg, gains)
 
 

@@ -11,7 +11,6 @@ from experiments.pages import CACHE, DOCS, fill, made_by, options, training_seed
 from quadpend_baselines.gains import TUNED
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_number, markdown_table
-from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.reports import report, tables
 
@@ -51,13 +50,12 @@ def main() -> None:
     comparison = compare(
         [*map(training_seeds, (*LEARNED, *CLASSICAL))], ["test"], given.episodes, given.seed, CACHE, jobs=given.jobs
     )
-    standings = leaderboard(comparison.table)
-    report.write(comparison, standings, DOCS / "results")
-    best, *others = (row.policy for row in standings)
+    report.write(comparison, DOCS / "results")
+    best, *others = (row.policy for row in comparison.ranking)
     sentences = [compare_pair(comparison.table, best, other).sentence() for other in others[:PAIRS]]
     page = {
         "provenance": made_by("results", given.episodes, given.seed),
-        "leaderboard": tables.leaderboard_markdown(standings),
+        "ranking": tables.markdown_rows(tables.ranking_rows(comparison)),
     }
     pairs = "\n".join(f"- {sentence}" for sentence in sentences)
     fill(DOCS / "results.md", page)

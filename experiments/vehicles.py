@@ -28,7 +28,7 @@ from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_number, markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
-from quadpend_train.evaluation.recovery import settling_times
+from quadpend_train.evaluation.measures import settling_times
 from quadpend_train.policies.loading import load_policies
 
 WIND_SHARE = 0.1  # root mean square of the force of the wind, as a share of the weight

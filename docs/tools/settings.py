@@ -26,6 +26,7 @@ def settings_table(kind: type) -> str:
     rows = []
     for name, value in vars(kind()).items():
         if name != "arguments":  # in files the table of the algorithm
+            value = [scenario.name for scenario in value] if name == "scenarios" else value
             default = "" if hasattr(value, "__dataclass_fields__") else f"`{json.dumps(value)}`"
             rows.append(f"| `{name}` | {default} | {ranges.get(name, '')} | {texts[name]} |")
     return "\n".join(["| setting | default | range | meaning |", "|---|---|---|---|", *rows])

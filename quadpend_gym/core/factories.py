@@ -23,10 +23,28 @@ def is_factory(value: Any) -> bool:
     return isinstance(value, str) and _FACTORY.fullmatch(value) is not None
 
 
+def split_text(text: str, sign: str) -> list[str]:
+    """Split a text at every sign that is not in the path of an existing file or folder, with a member or without."""
+    parts, rest = [], text.split(sign)
+    while rest:
+        beginnings = {n: sign.join(rest[:n]) for n in range(len(rest), 0, -1)}
+        count = next((n for n, path in beginnings.items() if _exists(path)), 1)
+        parts.append(beginnings[count])
+        rest = rest[count:]
+    return parts
+
+
+def _exists(path: str) -> bool:
+    """Return whether there is a file or folder of this name, also without ":member" behind or "c:" before it."""
+    return any(map(os.path.exists, (path, path.rpartition(":")[0], path.removeprefix("c:"))))
+
+
 def split_name(text: str) -> tuple[str, str]:
-    """Split NAME=VALUE; without a name, it is empty. A name has no slash, while a path may have an equals sign."""
+    """Split NAME=VALUE; without a name, it is empty. A name has no slash, and an existing path has no name."""
     name, sign, value = text.partition("=")
-    return (name, value) if sign and "/" not in name else ("", text)
+    beginnings = (text[: end.start()] for end in re.finditer("[,@]|$", text))  # the first of several, or of a vehicle's
+    is_path = any("=" in beginning and _exists(beginning) for beginning in beginnings)
+    return (name, value) if sign and "/" not in name and not is_path else ("", text)
 
 
 def find_factory(name: str) -> Callable[..., Any]:

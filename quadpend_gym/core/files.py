@@ -27,9 +27,19 @@ def read_mapping(path: Path) -> dict[str, Any]:
 def parse_mapping(text: str | bytes, name: str) -> dict[str, Any]:
     """Return the mapping in a JSON text, which error messages call `name`."""
     try:
-        value = json.loads(text)
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        value = json.loads(text, object_pairs_hook=_mapping)
+    except ValueError as error:  # also of a text that is not UTF-8
         raise ValueError(f"{name} is not valid JSON: {error}") from error
     if not isinstance(value, dict):
         raise ValueError(f"{name} must contain a mapping, not {value!r}")
     return value
+
+
+def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the mapping of pairs, whose keys must differ."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"a mapping has the key {key!r} twice")
+        found[key] = value
+    return found

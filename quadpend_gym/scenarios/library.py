@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from quadpend_gym.core.factories import call_factory, find_factory, is_factory, split_name
+from quadpend_gym.core.factories import call_factory, find_factory, is_factory, split_name, split_text
 from quadpend_gym.core.files import parse_mapping, read_mapping
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.settings import parse, settings, suggest
@@ -78,17 +78,17 @@ def shipped() -> tuple[dict[str, Scenario], dict[str, tuple[str, ...]]]:
     return scenarios, sets
 
 
-def find_scenarios(names: str | Iterable[str | Scenario]) -> dict[str, Scenario]:
+def find_scenarios(names: str | Iterable[Any]) -> dict[str, Scenario]:
     """Return scenarios by name; equal names count once.
 
-    Each is a `Scenario`, or a text: the name of a scenario or of a set of this package; the path of a TOML or JSON
-    file, whose scenarios all count, or ``"mine.toml:name"`` for a scenario or a set in it; JSON that begins with a
-    brace; or ``"module:factory"``, a function that returns a `Scenario` or a wind. NAME=TEXT gives another name, and
-    TEXT@VEHICLE another vehicle, see `Scenario.with_vehicle`.
+    Each is a `Scenario`, a mapping of its fields, or a text: the name of a scenario or of a set of this package; the
+    path of a TOML or JSON file, whose scenarios all count, or ``"mine.toml:name"`` for a scenario or a set in it; JSON
+    that begins with a brace; or ``"module:factory"``, a function that returns a `Scenario` or a wind. NAME=TEXT gives
+    another name, and TEXT@VEHICLE another vehicle, see `Scenario.with_vehicle`.
     """
     found: dict[str, Scenario] = {}
     for item in [names] if isinstance(names, str) else names:
-        for scenario in [item] if isinstance(item, Scenario) else _scenarios(item):
+        for scenario in _scenarios(item) if isinstance(item, str) else [as_scenario(item)]:
             key = scenario.name or f"scenario {len(found) + 1}"
             if found.setdefault(key, scenario) != scenario:
                 raise ValueError(f"two scenarios have the name {key!r}: give each its own, as NAME=SCENARIO")
@@ -132,10 +132,10 @@ def _scenarios(text: str) -> list[Scenario]:
     name, value = split_name(text)
     if name:
         return [replace(find_scenario(value), name=name)]
-    text, at, vehicle = text.partition("@")
-    if at:
-        return [scenario.with_vehicle(vehicle) for scenario in _scenarios(text)]
-    file, _, member = text.partition(":")
+    text, *vehicle = split_text(text, "@")
+    if vehicle:
+        return [scenario.with_vehicle("@".join(vehicle)) for scenario in _scenarios(text)]
+    file, _, member = (text, "", "") if Path(text).is_file() else text.partition(":")
     path = Path(file)
     if path.suffix in (".toml", ".json"):
         own, own_sets = read_scenarios(path)
@@ -151,7 +151,7 @@ def _scenarios(text: str) -> list[Scenario]:
     )
 
 
-def refuse_held_out(names: Iterable[str | Scenario]) -> None:
+def refuse_held_out(names: Iterable[Any]) -> None:
     """Raise ValueError for what contains a scenario that is for results only: not for training and not for tuning.
 
     Names, files and vehicles do not matter, only what disturbs the flight: the fields `_DISTURBANCES` and the wind.

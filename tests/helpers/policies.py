@@ -14,7 +14,7 @@ from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
-from quadpend_train.evaluation.table import rows
+from quadpend_train.evaluation.metrics import rows
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 
 _ERROR_X = OBSERVATION_FIELDS["tracking_error"].start

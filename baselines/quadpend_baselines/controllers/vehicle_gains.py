@@ -34,6 +34,7 @@ from quadpend_baselines.gains import (
 )
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Parameters, Simulation
+from quadpend_gym.core.nested import changed
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.vehicles import VEHICLES, as_vehicle
 
@@ -64,14 +65,6 @@ EXPONENTS: dict[type, dict[str, float]] = {
 }
 
 
-def replace_gains(gains: Any, values: dict[str, float]) -> Any:
-    """Return gains with some fields replaced; the key ``a.b`` stands for field b of field a."""
-    for path, value in values.items():
-        name, _, rest = path.partition(".")
-        gains = replace(gains, **{name: replace_gains(getattr(gains, name), {rest: value}) if rest else value})
-    return gains
-
-
 def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
     """Return the gains for a vehicle from those that were tuned for another, by the design parameters of both."""
     rate = float(np.sqrt(abs(other.chain_stiffness) / tuned.chain_stiffness))
@@ -82,7 +75,7 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
         factors["torque_walk"] = rate**2.5 * other.inertia_roll / tuned.inertia_roll
         factors["torque_noise"] = rate**1.5 * other.inertia_roll / tuned.inertia_roll
     present = {path: attrgetter(path)(gains) for path in factors}
-    gains = replace_gains(gains, {path: factors[path] * gain for path, gain in present.items() if gain is not None})
+    gains = changed(gains, {path: factors[path] * gain for path, gain in present.items() if gain is not None})
     parts = {field.name: getattr(gains, field.name) for field in fields(gains)}
     return replace(
         gains, **{name: scale_gains(part, tuned, other) for name, part in parts.items() if is_dataclass(part)}

@@ -19,7 +19,7 @@ import control
 from quadpend_baselines.gains import RIGID_GAINS
 from quadpend_baselines.modelling.linear_loop import close_loop, linear_policy, margins, vehicle_model
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS
-from quadpend_train.evaluation.stability import loop_margins
+from quadpend_train.evaluation.linear_models import loop_margins
 from quadpend_train.policies.conversion import as_policy
 
 

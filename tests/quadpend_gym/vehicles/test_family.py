@@ -35,6 +35,6 @@ def test_what_is_no_seed_is_refused() -> None:
 
 
 def test_the_one_policy_did_not_train_on_the_vehicles_of_its_test() -> None:
-    presets = [read_settings(name).found().values() for name in (FIRST, SECOND, "apg-vehicles-safe")]
+    presets = [read_settings(name).scenarios for name in (FIRST, SECOND, "apg-vehicles-safe")]
     trained = {scenario.vehicle.name for scenarios in presets for scenario in scenarios}
     assert not trained & set(UNSEEN)

@@ -12,7 +12,7 @@ import pytest
 
 from quadpend_baselines import CONTROLLERS
 from quadpend_gym import __version__, actuators, sensors, wind
-from quadpend_gym.scenarios import SCENARIOS, SETS, find_scenario
+from quadpend_gym.scenarios import SCENARIOS, SETS, as_scenario, find_scenario
 from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES
 from quadpend_train.cli.main import COMMANDS, main
@@ -160,7 +160,7 @@ def test_a_run_is_trained_resumed_and_compared_by_the_commands_that_are_printed(
     card = MlpPolicy.load("run/policy.npz").card
     assert (card["stopped_by"], card["settings"]["max_seconds"]) == ("max_seconds", 1e-3)
     (trained_in,) = card["settings"]["scenarios"]
-    assert find_scenario(trained_in) == find_scenario("hummingbird_learning").with_vehicle("mine.toml")
+    assert as_scenario(trained_in) == find_scenario("hummingbird_learning").with_vehicle("mine.toml")
     main(["train", *options, "--max-seconds", "1e-3", "--out", "other"])
     command = "quadpend evaluate flatness mine=other --scenarios hummingbird_learning --vehicle mine.toml"
     assert capsys.readouterr().out.endswith(f": {command}\n")

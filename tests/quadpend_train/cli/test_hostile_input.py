@@ -4,8 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_train.cli.main import main
+from quadpend_train.evaluation.comparison import named_policies
+from quadpend_train.policies.loading import load_policies
 from tests.helpers.policies import mlp_policy
 from tests.helpers.scenarios import shorten_scenarios
 from tests.quadpend_train.cli.test_commands import refused
@@ -38,7 +41,7 @@ REFUSED = {
     "evaluate lqr --episodes 1000000000": "episodes must be a whole number from 1 to 100000, not 1000000000",
     "evaluate lqr --scenarios calm calm=windy": "two scenarios have the name 'calm'",
     "evaluate a=lqr a=lqi": "two policies have the same name",
-    "evaluate lqr,lqr x=lqi,lqr,lqi": "same number",
+    "evaluate lqr,lqi x=lqi,lqr,flatness": "same number",
     "train --seeds 4-0": "seeds must be different numbers and ranges",
     "train --jobs 2": "give them with --seeds",
     "train --resume nix --seeds 0-2": "contain no run",
@@ -60,3 +63,27 @@ def test_impossible_numbers_and_paths_are_refused_before_any_work(
     monkeypatch.chdir(tmp_path)
     Path("file").touch()
     assert REFUSED[command] in refused(command.split(), capsys)
+
+
+@pytest.mark.usefixtures("brief_scenarios")
+def test_an_existing_path_is_taken_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    """Equals signs, commas and at signs in it separate nothing, also behind a name and in a list."""
+    paths = ["lr=0.001/policy.npz", "a,b/policy.npz", "hydra/lr=0.1,seed=2/policy.npz", "lr=0.1,seed=3/policy.npz"]
+    for number, path in enumerate(map(Path, paths)):
+        path.parent.mkdir(parents=True)
+        mlp_policy(OBSERVATION_SIZE, interface="wrench", seed=number).save(path)
+    assert named_policies([*paths, f"both={paths[0]},{paths[3]}"]) == {
+        **{path: path for path in paths},
+        "both": f"{paths[0]},{paths[3]}",
+    }
+    assert [len(load_policies(name)) for name in (*paths, ",".join(paths[2:]), "lqr,lqi")] == [1, 1, 1, 1, 2, 2]
+    main(["card", paths[2]])
+    Path("my@lab,a=b.toml").write_text('wind = "windy"\n')
+    (own,) = find_scenarios("my@lab,a=b.toml").values()
+    assert find_scenarios(["x=my@lab,a=b.toml", "my@lab,a=b.toml:my@lab,a=b"]) == {"x": own, own.name: own}
+    assert find_scenarios("my@lab,a=b.toml@hummingbird") == {
+        f"{own.name} · hummingbird": own.with_vehicle("hummingbird")
+    }
+    Path("twice.json").write_text('{"seed": 1, "seed": 2}')
+    assert "has the key 'seed' twice" in refused(["train", "--settings", "twice.json"], capsys)
+    assert "are the same policy" in refused(["evaluate", f"{FILE},./{FILE}"], capsys)

@@ -12,7 +12,7 @@ from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.evaluation.table import COLUMNS, KEYS, METRICS, summarise, values_of
+from quadpend_train.evaluation.metrics import COLUMNS, KEYS, METRICS, summarise, values_of
 from tests.helpers.policies import ZeroThrust, synthetic_results
 from tests.helpers.scenarios import short
 

@@ -1,14 +1,15 @@
 """Pairwise comparisons find known differences, and equal policies have no winner."""
 
+from itertools import combinations
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import EpisodeResults
-from quadpend_train.evaluation.leaderboard import leaderboard
-from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair
-from quadpend_train.reports.tables import episodes_note, leaderboard_rows
+from quadpend_train.evaluation.pairwise import compare_pair, compare_pairs
+from quadpend_train.reports.tables import episodes_note
 from tests.helpers.policies import BiasedADRC, NoisyADRC, ZeroThrust, synthetic_comparison, synthetic_results
 from tests.helpers.scenarios import shorten_scenarios
 
@@ -62,19 +63,19 @@ def test_the_rmse_is_tested_only_with_enough_common_survivals() -> None:
 
 
 def test_all_pairs_of_a_comparison_are_one_family_of_tests() -> None:
-    """A pair alone wins at least as often, and the leaderboard counts the wins of the family."""
+    """A pair alone wins at least as often."""
     random = np.random.default_rng(5)
     base = random.normal(0.1, 0.03, 200)
     results = {
         name: [synthetic_results(base + random.normal(0.0005 * i, 0.005, 200))] for i, name in enumerate("abcdef")
     }
     comparison = compared(**results)
-    together = compare_all_pairs(comparison)
+    together = compare_pairs(comparison, [*combinations("abcdef", 2)])
     assert len(together) == 15
     for (first, second), pair in together.items():
         assert pair.winners["s0"] in (0, compare_pair(comparison, first, second).winners["s0"])
     decided = sum(len(pair.where(1)) + len(pair.where(-1)) for pair in together.values())
-    assert 0 < sum(row.wins for row in leaderboard(comparison)) == decided < 15
+    assert 0 < decided < 15
 
 
 def test_survival_comes_first() -> None:
@@ -85,18 +86,13 @@ def test_survival_comes_first() -> None:
     assert compare_pair(compared(a=[close], b=[loose]), "a", "b").winners["s0"] == -1
 
 
-def test_the_leaderboard_orders_policies_of_known_quality(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_ranking_orders_policies_of_known_quality(monkeypatch: pytest.MonkeyPatch) -> None:
     shorten_scenarios(monkeypatch, 3.0)
     policies = {"biased": [BiasedADRC(0.03)], "unbiased": [BiasedADRC(0.0)], "falling": [ZeroThrust()]}
     comparison = compare(policies, ["calm", "hover"], 20)
     assert compare_pair(comparison.table, "unbiased", "biased").where(1) == ["calm", "hover"]
-    first, second, last = leaderboard(comparison.table)
-    assert (first.policy, second.policy, last.policy) == ("unbiased", "biased", "falling")
-    assert (first.wins, second.wins, last.wins) == (4, 2, 0)
-    assert (first.losses, second.losses, last.losses) == (0, 2, 4)
-    assert last.penalised_rmse == (1000.0, 1000.0, 1000.0)
-    assert last.worst_survival.value == 0.0
-    assert len(leaderboard_rows([first, second, last])) == 1 + 3
+    assert [row.policy for row in comparison.ranking] == ["unbiased", "biased", "falling"]
+    assert [row.has_rank for row in comparison.ranking] == [True, True, False]
 
 
 def test_too_few_episodes_are_said_in_words() -> None:

@@ -9,7 +9,7 @@ pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quad
 
 from quadpend_baselines.modelling.linear_reference import linear_reference
 from quadpend_gym.scenarios import SCENARIOS, SETS
-from quadpend_train.evaluation.references import reference, references
+from quadpend_train.evaluation.linear_models import reference, references
 
 OWN = (
     *("flight_breeze", "flight_windy", "flight_dryden_slow", "flight_dryden_medium", "flight_dryden_fast"),

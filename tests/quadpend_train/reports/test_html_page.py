@@ -10,7 +10,6 @@ import pytest
 from quadpend_baselines import ADRC
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.evaluation.comparison import Comparison, compare
-from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.reports.html_page import write
 
 NASTY = "</script><b>\"x\" & 'y'"
@@ -56,7 +55,7 @@ def comparison() -> Comparison:
 @pytest.fixture(scope="module")
 def page(comparison: Comparison, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write(comparison, leaderboard(comparison.table), path, REPLAY)
+    write(comparison, path, REPLAY)
     return path.read_text(encoding="utf-8")
 
 

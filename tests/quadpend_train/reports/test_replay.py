@@ -10,8 +10,7 @@ import pytest
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_train.evaluation.comparison import Comparison, compare
-from quadpend_train.evaluation.leaderboard import leaderboard
-from quadpend_train.evaluation.table import cells
+from quadpend_train.evaluation.metrics import cells
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.reports.html_page import write
 from quadpend_train.reports.replay import choose_episodes, choose_policies, record_replay, sampled_steps
@@ -32,11 +31,11 @@ def decoded(data: dict[str, Any]) -> Floats:
 
 
 def policies_of(comparison: Comparison) -> list[str]:
-    return choose_policies(comparison, leaderboard(comparison.table))
+    return choose_policies(comparison)
 
 
 def replay_of(comparison: Comparison, count: int) -> dict[str, Any]:
-    data = record_replay(comparison, leaderboard(comparison.table), count)
+    data = record_replay(comparison, count)
     assert data is not None
     return data
 
@@ -85,7 +84,7 @@ def test_the_recorded_episode_is_the_compared_episode(replayed: tuple[Comparison
 @pytest.fixture(scope="module")
 def page(replayed: tuple[Comparison, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     folder = tmp_path_factory.mktemp("browser")
-    write(replayed[0], leaderboard(replayed[0].table), folder / "report.html", replayed[1])
+    write(replayed[0], folder / "report.html", replayed[1])
     with closing(start(folder / "profile")) as browser:
         browser.open(folder / "report.html")
         yield browser

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from quadpend_gym import RewardWeights
-from quadpend_gym.scenarios import SETS, find_scenario
+from quadpend_gym.scenarios import SETS, Scenario
 from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training.algorithms import make_model
 from quadpend_train.training.arguments import as_python
@@ -54,7 +54,7 @@ def test_settings_survive_json_and_the_card_of_a_policy(settings: TrainSettings,
 def test_presets_are_valid_and_use_no_held_out_scenario(path: Path) -> None:
     settings = read_settings(path.stem)
     assert settings == read_settings(str(path))
-    assert not (set(SETS["test"]) - set(SETS["training"])) & set(settings.found())
+    assert not (set(SETS["test"]) - set(SETS["training"])) & {scenario.name for scenario in settings.scenarios}
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
@@ -113,16 +113,16 @@ def test_scenarios_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Pat
     path = tmp_path / "mine.toml"
     path.write_text('wind = "windy"\n')
 
-    def scenarios(given: Any) -> tuple[str, ...]:
-        return from_mapping({"scenarios": given}, "a test").scenarios
+    def settings(given: Any) -> TrainSettings:
+        return from_mapping({"scenarios": given}, "a test")
 
-    assert scenarios("training") == ("training",)
-    (whole,) = scenarios(str(path))
+    assert settings("training") == settings([*SETS["training"]])
+    whole = settings(str(path))
+    assert whole.scenarios == (Scenario(wind="windy", vehicle="paper"),)
     path.unlink()  # the settings have the contents of the file
-    assert find_scenario(whole) == find_scenario('{"wind": "windy"}')
-    assert scenarios(whole) == (whole,)
+    assert settings(to_mapping(whole)["scenarios"]) == whole
     for given in ('{"wind": "windy"}', {"wind": "windy"}, [{"wind": "windy"}]):
-        assert scenarios(given) == ('{"wind": "windy"}',)
+        assert settings(given) == whole
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,13 @@ from dataclasses import asdict
 from textwrap import fill
 from typing import Any
 
-import pandas as pd
 import tyro
 
 from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.gains import DESCRIPTIONS, TUNED
 from quadpend_gym import Simulation
+from quadpend_gym.core.nested import flat
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import TrainSettings, settings_of_card, to_mapping
@@ -43,7 +43,7 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
 def _controller(name: str) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the data and the lines about a classical controller."""
     data: dict[str, Any] = {"description": DESCRIPTIONS[name], "gains": asdict(gains_for(name, Simulation()))}
-    lines = {"description": DESCRIPTIONS[name], "gains": _pairs(_flat(data["gains"]))}
+    lines = {"description": DESCRIPTIONS[name], "gains": _pairs(flat(data["gains"]))}
     if tuned := TUNED.get(name):
         data["tuning"] = tuned._asdict()
         lines["tuned"] = f"{tuned.command}: penalised RMSE {tuned.score:g} mm in the training scenarios"
@@ -65,10 +65,12 @@ def _learned(name: str) -> tuple[dict[str, Any], dict[str, str]]:
     }
     if score and "settings" in card:
         settings = settings_of_card(card, name)
-        default = _flat(to_mapping(TrainSettings(algo=settings.algo)))
-        changed = {key: value for key, value in _flat(to_mapping(settings)).items() if value != default.get(key)}
+        default = flat(to_mapping(TrainSettings(algo=settings.algo)))
+        changed = {key: value for key, value in flat(to_mapping(settings)).items() if value != default.get(key)}
+        changed.pop("scenarios", None)
+        names = [scenario.name for scenario in settings.scenarios]
         lines |= {
-            "trained": f"by {settings.algo.upper()} in {', '.join(settings.scenarios)}: {card['steps']} timesteps in"
+            "trained": f"by {settings.algo.upper()} in {', '.join(names)}: {card['steps']} timesteps in"
             f" {card['seconds']:.0f} s, seed {card['seed']}",
             "settings": f"{_pairs(changed)}; the others have their default values",
             "score": f"survival {score['survival']:.1%}, penalised RMSE {1e3 * score['penalised_rmse']:.1f} mm, in"
@@ -80,11 +82,6 @@ def _learned(name: str) -> tuple[dict[str, Any], dict[str, str]]:
     elif source := card.get("source"):
         lines["provenance"] = f"exported from {source}"
     return card, lines
-
-
-def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested values by their names on the command line, such as ``ppo.n_steps``."""
-    return dict(pd.json_normalize(json_format.loads(json_format.dumps(values))).iloc[0])
 
 
 def _pairs(values: Mapping[str, Any]) -> str:

@@ -75,13 +75,10 @@ def evaluate(
         console.print(note)
     for sentence in tables.sentences(comparison):
         console.print(f"• {sentence}")
-    if comparison.ranking:
+    if len(comparison.policies) > 1:
         title = (
-            "Survival first: policies that survive significantly less than the best have no rank (few episodes show no"
-            " difference: compare the falls); then the error of survivors, geometric mean over the scenarios"
+            "Survival first: a policy with a rank falls no more often than the one that falls least, or survives at"
+            " most 0.5 % less with 95 % confidence; then the error of survivors, geometric mean over the scenarios"
         )
         console.print(tables.terminal_table(title, tables.ranking_rows(comparison)))
-    elif len(comparison.policies) > 1:
-        title = "Means over all scenarios with equal weights; wins and losses by Holm's method"
-        console.print(tables.terminal_table(title, tables.leaderboard_rows(made.leaderboard)))
     console.print(f"Written: {out}/{', '.join(report.FILES)}")

@@ -41,7 +41,10 @@ def checked(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def named_scenarios(
-    scenarios: Sequence[str], vehicle: str | None = None, interface: str | None = None, autopilot: str | None = None
+    scenarios: Sequence[str | Scenario],
+    vehicle: str | None = None,
+    interface: str | None = None,
+    autopilot: str | None = None,
 ) -> dict[str, Scenario]:
     """Return scenarios by name, see `find_scenarios`, all of them with what is given.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from quadpend_train.common.executors import run as run_calls
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.settings import TrainSettings, read_settings
+from quadpend_train.training.settings import TrainSettings, read_settings, scenario_text, settings_of_card
 from quadpend_train.training.train import POLICY, SETTINGS, train_or_resume
 
 
@@ -78,6 +78,6 @@ def summary(folders: Sequence[Path], given: Sequence[str]) -> str:
             f"Trained policy: {path}\nIn its training scenarios it survives {card['score']['survival']:.1%} of the"
             f" episodes; penalised RMSE {1e3 * card['score']['penalised_rmse']:.1f} mm."
         )
-    scenarios = given or card["settings"]["scenarios"]
+    scenarios = given or [scenario_text(scenario) for scenario in settings_of_card(card, str(folders[-1])).scenarios]
     command = ["quadpend", "evaluate", "flatness", f"mine={','.join(map(str, folders))}", "--scenarios", *scenarios]
     return "\n".join([*lines, f"Compare with a classical controller: {shlex.join(command)}"])

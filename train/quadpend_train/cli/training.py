@@ -11,14 +11,13 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from quadpend_gym.core.factories import split_name
 from quadpend_train.cli.options import named_scenarios
 from quadpend_train.common.executors import executor
 from quadpend_train.training.settings import (
     PRESETS,
     TrainSettings,
-    as_texts,
     read_settings,
+    scenario_text,
     settings_of_card,
     with_values,
 )
@@ -67,8 +66,8 @@ def _values(changes: Sequence[str]) -> dict[str, Any]:
     """Return the values of changes such as ``ppo.learning_rate=1e-3`` by their paths; they are JSON or text."""
     values: dict[str, Any] = {}
     for change in changes:
-        path, text = split_name(change)
-        if not path:
+        path, sign, text = change.partition("=")
+        if not sign:
             raise ValueError(f"--set takes TABLE.NAME=VALUE, such as ppo.learning_rate=1e-3, not {change!r}")
         try:
             values[path] = json.loads(text)
@@ -123,8 +122,9 @@ def train(
     given: list[str] = []
     if vehicle or interface:
         options = {"--vehicle": vehicle, "--interface": interface}
-        given = [*run.scenarios, *(part for name, value in options.items() if value for part in (name, value))]
-        run = replace(run, scenarios=as_texts(named_scenarios(run.scenarios, vehicle, interface)))
+        texts = map(scenario_text, run.scenarios)
+        given = [*texts, *(part for name, value in options.items() if value for part in (name, value))]
+        run = replace(run, scenarios=named_scenarios(run.scenarios, vehicle, interface).values())
     if seeds is not None:
         folders = train_seeds(run, seeds, resume or out, resume is not None, executor(jobs, cluster))
     elif resume:

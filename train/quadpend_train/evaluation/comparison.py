@@ -17,14 +17,12 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.factories import split_name
 from quadpend_gym.scenarios import Scenario, as_scenario, find_scenarios, scenario_data
 from quadpend_train.common.provenance import provenance
-from quadpend_train.evaluation.cost import call_time
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.jobs import Job, run_jobs
+from quadpend_train.evaluation.linear_models import loop_margins, references
+from quadpend_train.evaluation.metrics import Cell, cells, rows, summarise
 from quadpend_train.evaluation.ranking import RankingRow, ranking
-from quadpend_train.evaluation.references import references
-from quadpend_train.evaluation.stability import loop_margins
 from quadpend_train.evaluation.statistics import Interval
-from quadpend_train.evaluation.table import Cell, cells, rows, summarise
 from quadpend_train.policies.conversion import as_policy
 from quadpend_train.policies.loading import check_policy, load_policies
 
@@ -36,7 +34,7 @@ Scenarios = Mapping[str, Any] | Sequence[str | Scenario]  # values as for `as_sc
 class Comparison:
     """Results of every policy in every scenario.
 
-    `table` has one row for each episode, see `quadpend_train.evaluation.table`; its `attrs` have the provenance, the
+    `table` has one row for each episode, see `quadpend_train.evaluation.metrics`; its `attrs` have the provenance, the
     number of episodes in each scenario, and the seed of the first one.
     """
 
@@ -45,7 +43,9 @@ class Comparison:
     scenarios: dict[str, Scenario]
     learners: dict[str, list[Policy]]  # one controller, or the training seeds of one learner
     margins: dict[Cell, Any] = field(default_factory=dict)  # of the linear loops, see `loop_margins`
-    references: Mapping[str, float] = field(default_factory=dict)  # of scenarios, m, see `ranking`
+    references: Mapping[str, float] = field(
+        default_factory=dict
+    )  # of scenarios with an unscored beginning, m, see `ranking`
 
     @property
     def policies(self) -> tuple[str, ...]:
@@ -59,15 +59,8 @@ class Comparison:
 
     @cached_property
     def ranking(self) -> list[RankingRow]:
-        """The ranking of several policies by survival and error, if all scenarios have an unscored beginning."""
-        is_ranked = len(self.policies) > 1 and all(scenario.unscored for scenario in self.scenarios.values())
-        return ranking(self.table, self.references) if is_ranked else []
-
-    @cached_property
-    def call_times(self) -> dict[str, float]:
-        """Median time of a call of each policy in the first scenario, s, measured on this machine."""
-        scenario = next(iter(self.scenarios.values()))
-        return {name: call_time(policies[0], scenario) for name, policies in self.learners.items()}
+        """The ranking of the policies by survival and error."""
+        return ranking(self.table, self.references)
 
 
 def compare(

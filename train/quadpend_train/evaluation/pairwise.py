@@ -3,15 +3,13 @@
 The first policy wins a scenario if it survives significantly more of its episodes. If the survival does not differ
 significantly, the policy with the significantly smaller RMSE in the episodes that both survived wins. Otherwise neither
 wins. Both quantities are tested in every scenario on the same episodes (`p_proportion` and `p_value`), and all tests of
-one family are corrected together by Holm's method: the probability that at least one win or loss of the family is false
-is at most 5 %, if the level of each single test is correct. The family of `compare_pair` is one pair, that of
-`compare_all_pairs` and of the leaderboard is all pairs, so the latter report slightly fewer wins.
+one family, that is of all pairs that are compared at once, are corrected together by Holm's method: the probability
+that at least one win or loss of the family is false is at most 5 %, if the level of each single test is correct.
 
 The penalised RMSE (a fall counts as 1 m) is reported but does not decide who wins: falls that are rarer than about 3/n
 may not be among n episodes, and then neither the mean nor its interval accounts for them.
 """
 
-import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -19,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_train.evaluation.metrics import Values, cells
 from quadpend_train.evaluation.statistics import CONFIDENCE, holm, mean, p_proportion, p_value
-from quadpend_train.evaluation.table import Values, cells
 
 _MIN_COMMON_SURVIVALS = 10  # fewest common survived episodes for which the RMSE is tested
 _MAX_LISTED = 5  # largest number of scenarios that a sentence names
@@ -74,15 +72,11 @@ def _listed(names: Sequence[str]) -> str:
 
 def compare_pair(table: pd.DataFrame, first: str, second: str) -> PairwiseComparison:
     """Compare two policies of a table of results in its scenarios; the tests of this pair are corrected together."""
-    return _compare_pairs(table, [(first, second)])[first, second]
+    return compare_pairs(table, [(first, second)])[first, second]
 
 
-def compare_all_pairs(table: pd.DataFrame) -> dict[tuple[str, str], PairwiseComparison]:
-    """Compare all pairs of the policies of a table of results; the tests of all pairs are corrected together."""
-    return _compare_pairs(table, list(itertools.combinations(dict.fromkeys(table["policy"]), 2)))
-
-
-def _compare_pairs(table: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> dict[tuple[str, str], PairwiseComparison]:
+def compare_pairs(table: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> dict[tuple[str, str], PairwiseComparison]:
+    """Compare pairs of policies of a table of results; the tests of all these pairs are corrected together."""
     found, out = cells(table), {pair: PairwiseComparison(*pair, {}, {}) for pair in pairs}
     scenarios = dict.fromkeys(table["scenario"])
     both = {(pair, name): (found[name, pair[0]], found[name, pair[1]]) for pair in pairs for name in scenarios}

@@ -1,8 +1,9 @@
-"""The ranking of the flight benchmark: survival first, and then the error as a multiple of a reference.
+"""The ranking of policies: survival first, and then the error as a multiple of a reference.
 
-The policy with the highest survival is compared with every other one in the same episodes of all scenarios
-(`p_proportion`, corrected by Holm's method). The policies whose survival is not significantly lower, if they have
-survivors in every scenario, are ranked by
+A policy is safe if it falls no more often than the one that falls least, or if it survives at most `MARGIN` less: the
+lower end of the 95 % interval of the difference, in the same episodes of all scenarios, is above −`MARGIN`. So an error
+never makes up for falls, and few episodes, which can show no difference, make no policy safe that falls more often.
+Safe policies with survivors in every scenario are ranked by
 
     (1)  exp( mean over scenarios s of  ½ log(mean of e² over survived episodes) − log r_s )
 
@@ -17,15 +18,17 @@ import numpy as np
 import pandas as pd
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_train.evaluation.statistics import CONFIDENCE, Interval, holm, mean, p_proportion, proportion
-from quadpend_train.evaluation.table import Values, cells
+from quadpend_train.evaluation.metrics import Values, cells
+from quadpend_train.evaluation.statistics import Interval, mean, paired_proportion, proportion
+
+MARGIN = 0.005  # of survival
 
 
 class RankingRow(NamedTuple):
     """One policy in the ranking."""
 
     policy: str
-    has_rank: bool  # its survival is not significantly lower than the highest, and it has survivors in every scenario
+    has_rank: bool  # it is safe and has survivors in every scenario
     survival: Interval  # %, of all episodes
     falls: int  # of all training seeds
     worst_survival: Interval  # % in the scenario where it is smallest; ignores the selection of this scenario
@@ -44,14 +47,12 @@ def ranking(table: pd.DataFrame, references: Mapping[str, float] | None = None) 
     for (scenario, policy), values in cells(table).items():
         by_policy.setdefault(policy, {})[scenario] = values
     survived = {name: np.concatenate([v["survived"] for v in found.values()], 1) for name, found in by_policy.items()}
-    best = max(survived, key=lambda name: float(survived[name].mean()))
-    others = [name for name in survived if name != best]
-    p_values = dict(zip(others, holm([p_proportion(survived[name], survived[best]) for name in others]), strict=True))
-    safe = {name for name in survived if p_values.get(name, 1.0) >= 1.0 - CONFIDENCE}
+    best = max(survived.values(), key=np.mean)
+    differences = {name: paired_proportion(each, best) for name, each in survived.items()}
+    safe = {name for name, found in differences.items() if found.value >= 0.0 or found.low > -MARGIN}
     errors = {name: [survivors(values) for values in found.values()] for name, found in by_policy.items()}
     smallest = np.fmin.reduce([[_size(error) for error in errors[name]] for name in safe])
-    found = zip(by_policy[best], smallest, strict=True)
-    limits = [(references or {}).get(scenario, size) for scenario, size in found]
+    limits = [(references or {}).get(name, size) for name, size in zip(by_policy[min(safe)], smallest, strict=True)]
     rows = []
     for name, results in by_policy.items():
         worst = min(results, key=lambda scenario: float(results[scenario]["survived"].mean()))
@@ -68,7 +69,12 @@ def ranking(table: pd.DataFrame, references: Mapping[str, float] | None = None) 
                 float(np.mean([values["effort"].mean() for values in results.values()])),
             )
         )
-    return sorted(rows, key=lambda row: (not row.has_rank, row.multiple.value if row.has_rank else -row.survival.value))
+
+    def place(row: RankingRow) -> tuple[bool, float, float]:
+        error = row.multiple.value
+        return not row.has_rank, 0.0 if row.has_rank else -row.survival.value, np.inf if np.isnan(error) else error
+
+    return sorted(rows, key=place)
 
 
 def survivors(values: Values) -> Floats:

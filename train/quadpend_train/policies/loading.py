@@ -8,7 +8,7 @@ from gymnasium import logger
 from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import CONTROLLERS, Policy, controller
-from quadpend_gym.core.factories import describe_error, is_factory
+from quadpend_gym.core.factories import describe_error, is_factory, split_text
 from quadpend_gym.core.settings import suggest
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.policies.compiled import C_PREFIX, CPolicy, is_c
@@ -19,7 +19,13 @@ from quadpend_train.policies.normalization import statistics_files
 
 def load_policies(names: str) -> list[Policy]:
     """Load one policy, or training seeds of one learned policy that commas separate."""
-    return [load_policy(name) for name in names.split(",")]
+    texts = split_text(names, ",")
+    seeds = [load_policy(name) for name in texts]
+    if len({policy.fingerprint or name for name, policy in zip(texts, seeds, strict=True)}) < len(seeds):
+        raise ValueError(
+            f"training seeds must be different policies, but some of {', '.join(texts)} are the same policy"
+        )
+    return seeds
 
 
 def shipped_policies() -> list[str]:

@@ -5,7 +5,7 @@
 
 import datetime
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,16 @@ from markupsafe import Markup
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.formatting import format_interval, format_number
-from quadpend_train.evaluation.leaderboard import LeaderboardRow
+from quadpend_train.evaluation.metrics import METRICS
 from quadpend_train.evaluation.statistics import Interval
-from quadpend_train.evaluation.table import METRICS
 from quadpend_train.reports import figures
 from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, ranking_rows, sentences
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
 
 
-def write(
-    comparison: Comparison, standings: Sequence[LeaderboardRow], path: Path, replay: dict[str, Any] | None = None
-) -> None:
-    """Write the page of a comparison, its leaderboard, and the data of `record_replay` if there are any."""
+def write(comparison: Comparison, path: Path, replay: dict[str, Any] | None = None) -> None:
+    """Write the page of a comparison, and the data of `record_replay` if there are any."""
     folder = Path(__file__).with_name("templates")
     jinja = Environment(
         loader=FileSystemLoader(folder),
@@ -45,8 +42,7 @@ def write(
             name: min(comparison.summaries[name, policy]["penalised_rmse"].value for policy in comparison.policies)
             for name in comparison.scenarios
         },
-        standings=standings,
-        ranking=ranking_rows(comparison) if comparison.ranking else None,
+        ranking=ranking_rows(comparison),
         episodes_note=episodes_note(comparison),
         sentences=sentences(comparison),
         metrics={name: METRICS[name] for name in METRIC_COLUMNS},

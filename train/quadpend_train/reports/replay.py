@@ -4,7 +4,6 @@
 as samples at about 25 Hz and the last step.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.viewer.snapshot import PAPER_SHAPE, Shape
 from quadpend_train.evaluation.comparison import Comparison
-from quadpend_train.evaluation.leaderboard import LeaderboardRow
+from quadpend_train.evaluation.metrics import cells
 from quadpend_train.evaluation.recording import Recording, record_episode
-from quadpend_train.evaluation.table import cells
 from quadpend_train.reports.html_page import style
 
 SAMPLE_PERIOD = 0.04  # s, rounded to whole control periods
@@ -26,10 +24,10 @@ _DECIMALS = 4  # of the samples
 _OTHERS = 2  # policies in the replay, besides the first one
 
 
-def choose_policies(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> list[str]:
-    """Return the first policy and the best others of the leaderboard."""
+def choose_policies(comparison: Comparison) -> list[str]:
+    """Return the first policy and the best others of the ranking."""
     first = comparison.policies[0]
-    return [first, *[row.policy for row in standings if row.policy != first][:_OTHERS]]
+    return [first, *[row.policy for row in comparison.ranking if row.policy != first][:_OTHERS]]
 
 
 def choose_episodes(comparison: Comparison, scenario: str, policies: list[str], count: int) -> list[tuple[str, int]]:
@@ -46,14 +44,14 @@ def choose_episodes(comparison: Comparison, scenario: str, policies: list[str], 
     return list(zip(titles, [typical, *hardest], strict=False))[:count]
 
 
-def record_replay(comparison: Comparison, standings: Sequence[LeaderboardRow], count: int) -> dict[str, Any] | None:
+def record_replay(comparison: Comparison, count: int) -> dict[str, Any] | None:
     """Run `count` episodes of each scenario again, and return their recordings as data for JSON, or None if it is 0.
 
     Of a learner with several training seeds the first is recorded.
     """
     if not count:
         return None
-    names = choose_policies(comparison, standings)
+    names = choose_policies(comparison)
     scenarios: dict[str, list[dict[str, Any]]] = {}
     for name, scenario in tqdm(comparison.scenarios.items(), desc="recording", unit="scenario", leave=False):
         for title, episode in choose_episodes(comparison, name, names, count):

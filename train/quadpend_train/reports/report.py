@@ -8,8 +8,7 @@ from pathlib import Path
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios, compare
 from quadpend_train.evaluation.episodes import TEST_SEED
-from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
-from quadpend_train.evaluation.table import summary_table
+from quadpend_train.evaluation.metrics import summary_table
 from quadpend_train.reports import figures, html_page, tables
 from quadpend_train.reports.replay import record_replay
 
@@ -21,7 +20,6 @@ class Report:
     """What `evaluate` found; as text, it is one sentence for each policy but the first, and the names of the files."""
 
     comparison: Comparison
-    leaderboard: list[LeaderboardRow]
     folder: Path
 
     def __str__(self) -> str:
@@ -47,16 +45,15 @@ def evaluate(
     """
     (folder := Path(out)).mkdir(parents=True, exist_ok=True)
     comparison = compare(policies, scenarios, episodes, seed, cache_folder, jobs)
-    report = Report(comparison, leaderboard(comparison.table), folder)
-    write(comparison, report.leaderboard, folder, replay)
-    return report
+    write(comparison, folder, replay)
+    return Report(comparison, folder)
 
 
-def write(comparison: Comparison, standings: list[LeaderboardRow], folder: Path, replay: int = 0) -> None:
-    """Write all files of a comparison with its leaderboard into a folder."""
+def write(comparison: Comparison, folder: Path, replay: int = 0) -> None:
+    """Write all files of a comparison into a folder."""
     provenance = f"# {json.dumps(comparison.table.attrs)}\n"
     for name, table in (("comparison", summary_table(comparison.summaries)), ("episodes", comparison.table)):
         write_text(folder / f"{name}.csv", provenance + table.to_csv(index=False, lineterminator="\n"))
-    write_text(folder / "comparison.md", tables.markdown(comparison, standings))
+    write_text(folder / "comparison.md", tables.markdown(comparison))
     figures.write_png(tables.plot(comparison), folder / "comparison.png")
-    html_page.write(comparison, standings, folder / "report.html", record_replay(comparison, standings, replay))
+    html_page.write(comparison, folder / "report.html", record_replay(comparison, replay))

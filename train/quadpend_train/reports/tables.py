@@ -9,10 +9,9 @@ from rich.text import Text
 
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
-from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
-from quadpend_train.evaluation.leaderboard import LeaderboardRow
+from quadpend_train.evaluation.formatting import format_interval, markdown_table
+from quadpend_train.evaluation.metrics import METRICS
 from quadpend_train.evaluation.pairwise import compare_pair
-from quadpend_train.evaluation.table import METRICS
 from quadpend_train.reports import figures
 
 # Metrics in the tables.
@@ -43,31 +42,15 @@ def with_margins(rows: Rows, comparison: Comparison) -> Rows:
     return [[*row, *more] for row, more in zip(rows, [headings, *texts], strict=True)]
 
 
-def leaderboard_rows(standings: Sequence[LeaderboardRow]) -> Rows:
-    """Return the leaderboard; a policy that always falls has no error and no rank."""
-    headings = ("rank", "policy", "penalised rmse (mm)", "survival (%)", "worst survival (%)", "wins", "losses")
-    rows: Rows = [headings]
-    for rank, row in enumerate(standings, 1):
-        worst = f"{format_interval(row.worst_survival)} {row.worst_scenario}"
-        error = format_interval(row.penalised_rmse) if row.has_rank else "–"
-        place = str(rank) if row.has_rank else "–"
-        rows.append([place, row.policy, error, format_interval(row.survival), worst, str(row.wins), str(row.losses)])
-    return rows
-
-
 def ranking_rows(comparison: Comparison) -> Rows:
-    """Return the ranking of a comparison; the policies without a rank survive significantly less, or not everywhere."""
+    """Return the ranking; the policies without a rank survive less, or not everywhere, see `ranking`."""
     reference = "reference" if comparison.references.keys() >= comparison.scenarios.keys() else "best policy's"
     headings = ("rank", "policy", "survival (%)", "worst survival (%)", f"error (multiple of the {reference})")
-    rows: Rows = [(*headings, "falls", "effort", "call (µs)", "delay margin (ms)")]
+    rows: Rows = [(*headings, "falls", "effort")]
     for rank, row in enumerate(comparison.ranking, 1):
         worst = f"{format_interval(row.worst_survival)} {row.worst_scenario}"
-        found = [comparison.margins.get((scenario, row.policy)) for scenario in comparison.scenarios]
-        margin = min((1000.0 * margins.delay for margins in found if margins), default=np.nan)
-        numbers = row.effort, 1e6 * comparison.call_times[row.policy], margin
         intervals = format_interval(row.survival), worst, format_interval(row.multiple)
-        place = str(rank) if row.has_rank else "–"
-        rows.append([place, row.policy, *intervals, str(row.falls), *map(format_number, numbers)])
+        rows.append([str(rank) if row.has_rank else "–", row.policy, *intervals, str(row.falls), f"{row.effort:.2f}"])
     return rows
 
 
@@ -82,22 +65,18 @@ def terminal_table(title: str, rows: Rows) -> Table:
     return table
 
 
-def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str:
-    """Return a Markdown page: the table of all metrics, a sentence for each policy, and the leaderboard."""
-    headings, *body = metric_rows(comparison)
+def markdown(comparison: Comparison) -> str:
+    """Return a Markdown page: the table of all metrics, a sentence for each policy, and the ranking."""
     lines = "\n".join(f"- {sentence}" for sentence in sentences(comparison))
-    parts = [markdown_table(headings, body), episodes_note(comparison), lines]
-    if comparison.ranking:
-        headings, *body = ranking_rows(comparison)
-        parts.append(markdown_table(headings, body))
-    elif len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
-        parts.append(leaderboard_markdown(standings))
+    parts = [markdown_rows(metric_rows(comparison)), episodes_note(comparison), lines]
+    if len(comparison.policies) > 1:
+        parts.append(markdown_rows(ranking_rows(comparison)))
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def leaderboard_markdown(standings: Sequence[LeaderboardRow]) -> str:
-    """Return the leaderboard in Markdown, see `leaderboard_rows`."""
-    headings, *body = leaderboard_rows(standings)
+def markdown_rows(rows: Rows) -> str:
+    """Return rows as a Markdown table."""
+    headings, *body = rows
     return markdown_table(headings, body)
 
 

@@ -111,15 +111,6 @@ def run_trials(
         bar.update(trials - bar.n)
 
 
-def flat(values: Mapping[str, Any], table: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the paths of settings and their values; a range is a value."""
-    for name, value in values.items():
-        if isinstance(value, dict) and "low" not in value:
-            yield from flat(value, f"{table}{name}.")
-        else:
-            yield f"{table}{name}", value
-
-
 def draw(study: optuna.Study, label: str, path: Path) -> None:
     """Write a picture (.png) of the values of the finished trials in their order, and of the best so far."""
     with quiet():

@@ -27,20 +27,21 @@ from optuna.distributions import FloatDistribution
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
-from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains, scale_gains
+from quadpend_baselines.controllers.vehicle_gains import gains_for, scale_gains
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Simulation
 from quadpend_gym.core.files import read_mapping
+from quadpend_gym.core.nested import changed, flat
 from quadpend_gym.core.settings import suggest
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.scenarios import Scenario, find_scenarios, refuse_held_out, scenario_data
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
-from quadpend_train.search.shared import SPACES, flat, open_study, run_trials
+from quadpend_train.search.shared import SPACES, open_study, run_trials
 from quadpend_train.training.environment import concatenate_scenarios
 
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
@@ -49,9 +50,7 @@ SCORE_EPISODES = 200
 # vehicle, and for the hummingbird
 _DATA = read_mapping(SPACES / "gains.toml")
 LEAST_MARGINS: dict[str, float] = _DATA.pop("delay_margin")  # s, of rigid vehicles
-SEARCH_SPACES, HUMMINGBIRD_SPACES = (
-    {name: dict(flat(given)) for name, given in group.items()} for group in _DATA.values()
-)
+SEARCH_SPACES, HUMMINGBIRD_SPACES = ({name: flat(given) for name, given in group.items()} for group in _DATA.values())
 
 
 class Search:
@@ -101,7 +100,7 @@ class Search:
 
     def policy(self, gains: dict[str, float]) -> Policy:
         """Return the controller with other gains, which does not know the delays and lags of the scenarios."""
-        policy = CONTROLLER_FACTORIES[self.name](replace_gains(self.present, gains), self.designed)
+        policy = CONTROLLER_FACTORIES[self.name](changed(self.present, gains), self.designed)
         return Hanging(policy) if self.hangs else policy
 
     def loss(self, trial: optuna.Trial) -> float:

@@ -54,7 +54,7 @@ def _apg(settings: TrainSettings) -> dict[str, Any]:
     check_apg(settings)
     apg = settings.apg
     return {
-        "scenarios": list(settings.found().values()),
+        "scenarios": list(settings.scenarios),
         "apg": apg,
         "learning_rate": linear_schedule(apg.learning_rate, apg.final_learning_rate),
         "policy_kwargs": {"net_arch": list(apg.net_arch), "activation_fn": ACTIVATION_MODULES[apg.activation_fn]},
@@ -81,7 +81,7 @@ def load_actor(model: Any, settings: TrainSettings) -> None:
     if plain and hybrid.base_controller and hybrid.mode == "estimate_only" and not hybrid.deviations:
         policy = _with_inputs(policy, wider, settings.policy_interface())
     try:
-        check_interface(policy.card, next(iter(settings.found().values())).simulation)
+        check_interface(policy.card, settings.scenarios[0].simulation)
     except ValueError as error:
         raise ValueError(f"start_from {settings.start_from}: {error}") from error
     own, expected = _compared(policy), _compared(export(model, **settings.policy_interface()))

@@ -206,12 +206,12 @@ def check_apg(settings: TrainSettings) -> None:
     for name in _UNUSED:
         if (value := getattr(settings, name)) != (only := getattr(default, name)):
             raise ValueError(f"{name} must be {only!r} with algo 'apg', not {value!r}")
-    for name, scenario in settings.found().items():
-        check_covered(name, scenario)
+    for scenario in settings.scenarios:
+        check_covered(scenario.name, scenario)
         if scenario.observation == OUTPUT_FEEDBACK and not settings.hybrid.base_controller:
             raise ValueError(
-                f"the scenario {name} has no velocities in its observation: algo 'apg' needs a base_controller, which"
-                " estimates them"
+                f"the scenario {scenario.name} has no velocities in its observation: algo 'apg' needs a"
+                " base_controller, which estimates them"
             )
 
 

@@ -47,7 +47,7 @@ def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEE
     episodes = settings.n_eval_episodes
     results = [
         run_episodes([policy], scenario, episodes, seed + number * episodes)
-        for number, scenario in enumerate(settings.found().values())
+        for number, scenario in enumerate(settings.scenarios)
     ]
     survived = np.concatenate([result.survived for result in results], axis=1)
     rmse = np.concatenate([result.penalised_rmse for result in results], axis=1)

@@ -41,7 +41,7 @@ class Imitation:
         parameters = [item for layer in linear_layers(model) for item in layer.parameters()]
         self.random = np.random.default_rng(settings.seed)
         self.optimizer = torch.optim.Adam(parameters, lr=_LEARNING_RATES[0])
-        self.episode = settings.max_episode_steps or max(item.steps for item in settings.found().values())
+        self.episode = settings.max_episode_steps or max(item.steps for item in settings.scenarios)
         self.wrappers = hybrid_wrappers(env.env)
         self.rounds = rounds = settings.hybrid.imitation_rounds
         steps = max(settings.hybrid.imitation_timesteps // (rounds * env.num_envs), 1)

@@ -70,8 +70,8 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
 
 def make_env(settings: TrainSettings, teaches: bool = False) -> SB3VecEnv:
     """Return the training environment for Stable-Baselines3; `teaches`: its base controllers label for an imitation."""
-    steps, hybrid, found = settings.max_episode_steps or None, settings.hybrid, settings.found().values()
-    scenarios = [_with_reward(scenario, settings.reward) for scenario in found]
+    steps, hybrid = settings.max_episode_steps or None, settings.hybrid
+    scenarios = [_with_reward(scenario, settings.reward) for scenario in settings.scenarios]
     env = concatenate_scenarios(scenarios, settings.num_envs, steps, hybrid.as_data(), teaches)
     if hybrid.baseline_relative_reward:
         baseline = concatenate_scenarios(scenarios, settings.num_envs, steps)

@@ -14,16 +14,19 @@ arguments of its class in Stable-Baselines3 or sb3-contrib, see `quadpend_train.
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
+from tyro.constructors import PrimitiveConstructorSpec
 
 from quadpend_gym import RewardWeights
 from quadpend_gym.core.files import read_mapping
-from quadpend_gym.core.settings import Range, parse, settings, suggest
-from quadpend_gym.scenarios import Scenario, find_scenarios, refuse_held_out, scenario_data
+from quadpend_gym.core.models import to_plain_data
+from quadpend_gym.core.nested import changed
+from quadpend_gym.core.settings import Parsed, Range, parse, settings, suggest
+from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenarios, refuse_held_out
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import arguments as sb3
 
@@ -123,6 +126,42 @@ class ApgSettings:
     """Largest norm of the gradient of the summed cost of a row with respect to its state at one step."""
 
 
+def training_scenarios(given: Any) -> tuple[Scenario, ...]:
+    """Return scenarios to train in from one or several, each a `Scenario`, a text or a mapping of its fields."""
+    items = [given] if isinstance(given, str | Mapping | Scenario) else given
+    refuse_held_out(items)
+    if not (found := find_scenarios(items)):
+        raise ValueError("scenarios must name at least one scenario")
+    return tuple(scenario if scenario.name else replace(scenario, name=name) for name, scenario in found.items())
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """Return the text from which `find_scenario` makes a scenario again."""
+    data = _data(scenario)
+    return data if isinstance(data, str) else json.dumps(data)
+
+
+def _data(scenario: Scenario) -> Any:
+    """Return a scenario as in a settings file: the name of one of this package, or its fields but for the defaults."""
+    if scenario == SCENARIOS.get(scenario.name):
+        return scenario.name
+    default = to_plain_data(Scenario(), _refuse)
+    return {name: value for name, value in to_plain_data(scenario, _refuse).items() if value != default[name]}
+
+
+def _refuse(model: Any) -> Any:
+    raise ValueError(f"a settings file cannot describe {model!r}: give the wind of a scenario as 'module:factory'")
+
+
+_SCENARIOS = PrimitiveConstructorSpec[Any](
+    nargs="*",
+    metavar="[SCENARIO [SCENARIO ...]]",
+    instance_from_str=tuple,
+    is_instance=lambda instance: isinstance(instance, tuple),
+    str_from_instance=lambda scenarios: [scenario.name or "…" for scenario in scenarios],
+)
+
+
 @settings
 class TrainSettings:
     """All settings of a training run.
@@ -133,7 +172,9 @@ class TrainSettings:
     algo: str = "ppo"
     """Algorithm: apg (analytic policy gradients, in this package), or one of Stable-Baselines3 and sb3-contrib for
     continuous actions, such as ppo, sac, tqc, td3, a2c or trpo."""
-    scenarios: tuple[str, ...] = ("windy",)
+    scenarios: Annotated[Any, Parsed(training_scenarios, lambda: Any), _SCENARIOS] = field(
+        default_factory=lambda: training_scenarios("windy")
+    )
     """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
     total_timesteps: Annotated[int, Range(1, 1e12)] = 7_000_000
     """Timesteps of the whole training."""
@@ -184,10 +225,7 @@ class TrainSettings:
                 raise ValueError(f"critic_warmup_steps needs an on-policy algorithm, not {self.algo!r}")
         elif self.hybrid.baseline_relative_reward:
             raise ValueError("baseline_relative_reward must be False with algo 'apg', not True")
-        object.__setattr__(self, "scenarios", _without_files(self.scenarios))
-        if not (count := len(self.found())):
-            raise ValueError("scenarios must name at least one scenario")
-        if self.num_envs % count:
+        if self.num_envs % (count := len(self.scenarios)):
             raise ValueError(f"num_envs must be a multiple of the number of scenarios, {count}, not {self.num_envs}")
         if self.start_from and self.hybrid.imitation_timesteps:
             raise ValueError("imitation_timesteps must be 0 with start_from, which replaces the imitation")
@@ -196,29 +234,9 @@ class TrainSettings:
         """Return an argument of the algorithm: as given, or the default of its class; None if it has no such one."""
         return self.arguments[name] if name in self.arguments else sb3.default(self.algo, name)
 
-    def found(self) -> dict[str, Scenario]:
-        """Return the scenarios by name."""
-        return find_scenarios(self.scenarios)
-
     def policy_interface(self) -> dict[str, Any]:
         """Return the fields of a policy's card that say what the policy observes and how its action is applied."""
         return {"hybrid": self.hybrid.as_data()}
-
-
-def _without_files(items: tuple[str, ...]) -> tuple[str, ...]:
-    """Return scenarios with the contents of files in place of the files."""
-    refuse_held_out(items)
-    parts = (as_texts(find_scenarios([item])) if ".toml" in item or ".json" in item else (item,) for item in items)
-    return tuple(item for part in parts for item in part)
-
-
-def as_texts(scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
-    """Return scenarios as JSON that depends on no file: the fields that differ from the default ones."""
-    default = scenario_data(Scenario())
-    return tuple(
-        json.dumps({"name": name} | {key: value for key, value in scenario_data(item).items() if value != default[key]})
-        for name, item in scenarios.items()
-    )
 
 
 def read_settings(name: str) -> TrainSettings:
@@ -247,9 +265,6 @@ def from_mapping(values: Mapping[str, Any], source: str) -> TrainSettings:
     given = dict(values)
     if (algo := given.get("algo", "ppo")) != "apg":
         given["arguments"] = given.pop(algo, {})
-    if "scenarios" in given:  # one or several, as texts or mappings
-        items = given["scenarios"] if isinstance(given["scenarios"], list | tuple) else [given["scenarios"]]
-        given["scenarios"] = [json.dumps(item) if isinstance(item, dict) else item for item in items]
     if isinstance(hybrid := given.get("hybrid"), Mapping):
         given["hybrid"] = {name: value for name, value in hybrid.items() if _GONE.get(name) != value}
     return parse(TrainSettings, given, source)
@@ -257,20 +272,21 @@ def from_mapping(values: Mapping[str, Any], source: str) -> TrainSettings:
 
 def to_mapping(settings: TrainSettings) -> dict[str, Any]:
     """Return settings as plain data, as in a settings file."""
-    data = asdict(settings)
-    arguments, apg = data.pop("arguments"), data.pop("apg")
-    return {**data, settings.algo: apg if settings.algo == "apg" else arguments}
+    return {**_tables(settings), "scenarios": [_data(scenario) for scenario in settings.scenarios]}
+
+
+def _tables(settings: TrainSettings) -> dict[str, Any]:
+    """Return the fields of a settings file, with scenarios as objects."""
+    names = {name: name for name in vars(settings) if name not in ("arguments", "apg")}
+    names[settings.algo] = "apg" if settings.algo == "apg" else "arguments"
+    fields = {name: getattr(settings, field) for name, field in names.items()}
+    return {name: value if name == "scenarios" else to_plain_data(value, _itself) for name, value in fields.items()}
+
+
+def _itself(value: Any) -> Any:
+    return value
 
 
 def with_values(settings: TrainSettings, values: Mapping[str, Any]) -> TrainSettings:
     """Return settings with other values, by paths such as ``ppo.learning_rate`` or ``num_envs``."""
-    data = to_mapping(settings)
-    for path, value in values.items():
-        *tables, name = path.split(".")
-        table = data
-        for part in tables:
-            if not isinstance(table.setdefault(part, {}), dict):
-                raise ValueError(f"the setting {part} of {path} is no table, but {table[part]!r}")
-            table = table[part]
-        table[name] = value
-    return from_mapping(data, "the given values")
+    return from_mapping(changed(_tables(settings), values), "the given values")

@@ -187,7 +187,7 @@ def _final_policy(
     """Return the policy of a finished run with its card."""
     policy = MlpPolicy.load(folder / BEST) if curve else export(model, **settings.policy_interface())
     survival, rmse = validate(policy, settings, CARD_SEED)
-    simulations = [scenario.simulation for scenario in settings.found().values()]
+    simulations = [scenario.simulation for scenario in settings.scenarios]
     vehicles = {simulation.vehicle.name for simulation in simulations}
     card = {
         **policy.card,
