@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.policy.protocol import Policy, PolicyWrapper
+from quadpend_baselines.estimation.measurement import measures_rates
+from quadpend_baselines.policy.protocol import Policy, PolicyWrapper, fed_by_name
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SIZE, OUTPUT_FEEDBACK_FIELDS
+from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK, ObservationLayout
 
 
 class Controller(Policy):
@@ -34,6 +35,7 @@ class Controller(Policy):
     """
 
     flies_load: bool = False
+    layouts: tuple[ObservationLayout, ...] = (FULL, OUTPUT_FEEDBACK)
 
     def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
         self.given_gains, self.simulation, self.loop = gains, simulation or Simulation(), loop or Loop()
@@ -59,10 +61,10 @@ class Controller(Policy):
         """Return the controller designed for a scenario, its known loop and a hanging pendulum."""
         simulation, loop = scenario.simulation, Loop.known(scenario)
         if scenario.task.pendulum != "hanging":
-            return self.designed_for(simulation, loop)
+            return fed_by_name(self.designed_for(simulation, loop), scenario)
         if not self.flies_load:
             raise ValueError("of the classical controllers, only flatness, lqr, lqi and dual-mode fly a load")
-        return Hanging(self.designed_for(mirror_simulation(simulation), loop))
+        return fed_by_name(Hanging(self.designed_for(mirror_simulation(simulation), loop)), scenario)
 
 
 def mirror_simulation(simulation: Simulation) -> Simulation:
@@ -82,7 +84,7 @@ class Hanging(PolicyWrapper):
     ) -> tuple[Floats32, Any]:
         """Return action and memory; see `Policy.predict`."""
         mirrored = np.array(observation, np.float32)
-        fields = OBSERVATION_FIELDS if mirrored.shape[-1] == OBSERVATION_SIZE else OUTPUT_FEEDBACK_FIELDS
-        for name in fields.keys() & {"direction", "direction_rate"}:
-            mirrored[..., fields[name]] *= -1.0
+        layout = FULL if measures_rates(np.atleast_2d(mirrored)) else OUTPUT_FEEDBACK
+        for name in {"direction", "direction_rate"} & set(layout):
+            mirrored[..., layout.columns[name]] *= -1.0
         return self.policy.predict(mirrored, state, episode_start, deterministic)

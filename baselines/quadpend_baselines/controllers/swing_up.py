@@ -59,7 +59,7 @@ from quadpend_gym.physics.state import (
     VELOCITY,
     State,
 )
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.tasks.observation import FULL
 
 # What "almost at rest" means: lengths of r_xy (1), ṙ (1/s), position (m) and velocity (m/s) relative to the reference,
 # roll and pitch (rad), and the rates of the attitude (rad/s).
@@ -88,6 +88,7 @@ class SwingUp(Controller):
     """Damping, a planned flight and a balancing controller as a policy."""
 
     gains: SwingUpGains
+    layouts = (FULL,)
 
     def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
         super().__init__(gains, simulation, loop)
@@ -96,8 +97,6 @@ class SwingUp(Controller):
     def act(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, SwingUpMemory]:
         """Return actions and memory; see `Controller.act`."""
         measurement = measurement_from_observation(observation, self.simulation.parameters.rod_length)
-        if observation.shape[1] != OBSERVATION_SIZE:
-            raise ValueError("swing-up needs an observation with velocities, of 36 numbers")
         rows = len(observation)
         phase, step = np.full(rows, Phase.DAMP), np.zeros(rows, np.int64)
         if state is not None:

@@ -10,6 +10,7 @@ from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks.observation import ObservationLayout
 
 
 class Policy:
@@ -18,7 +19,8 @@ class Policy:
     A policy can be passed to SB3's `evaluate_policy`. A class needs `predict` only; everything else has a default.
     """
 
-    observation_sizes: tuple[int, ...] | None = None  # sizes of the observations that the policy accepts; None: any
+    # Fields of the observations that the policy can read, the preferred ones first; None: those of the scenario.
+    layouts: tuple[ObservationLayout, ...] | None = None
     # A text that changes with the behaviour of the policy, for the cache of results; None: they are not cached. A copy
     # by `copy.copy` has none, since its owner may change it.
     fingerprint: str | None = None
@@ -36,8 +38,7 @@ class Policy:
         """Return the action for one observation or for a batch of observations.
 
         Args:
-            observation: Shape (36,) or (n, 36), laid out as in `quadpend_gym.tasks.observation`; without velocities,
-                shape (27,) or (n, 27).
+            observation: Shape (m,) or (n, m), laid out as `Scenario.observation`, or as one of `layouts`.
             state: The memory that the previous call returned; None in the first call.
             episode_start: Mask of the rows whose episode has just begun, shape (n,). None means that no episode has
                 just begun, except in the first call.
@@ -66,7 +67,7 @@ class PolicyWrapper(Policy):
 
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
-        self.observation_sizes = policy.observation_sizes
+        self.layouts = policy.layouts
         self.has_linear_model = policy.has_linear_model
 
     def predict(
@@ -82,6 +83,32 @@ class PolicyWrapper(Policy):
     def estimated_disturbance(self, memory: Any) -> Floats:
         """Return the estimate of the wrapped policy."""
         return self.policy.estimated_disturbance(memory)
+
+
+class SelectedFields(PolicyWrapper):
+    """A policy that reads some columns of the observation, or reads them in another order."""
+
+    def __init__(self, policy: Policy, columns: Any) -> None:
+        super().__init__(policy)
+        self.columns = columns
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return action and memory of the wrapped policy; see `Policy.predict`."""
+        return self.policy.predict(np.asarray(observation)[..., self.columns], state, episode_start, deterministic)
+
+
+def fed_by_name(policy: Policy, scenario: Scenario) -> Policy:
+    """Return a policy for a scenario, whose observation may have more fields than it reads, or another order."""
+    seen = scenario.observation
+    if policy.layouts is None or seen in policy.layouts:
+        return policy
+    for layout in policy.layouts:
+        if set(layout) <= set(seen):
+            return SelectedFields(policy, seen.select(layout))
+    lacking = " and ".join(name for name in policy.layouts[-1] if name not in seen)
+    raise ValueError(f"the policy reads {lacking}, which the scenario does not observe: it observes {', '.join(seen)}")
 
 
 def episode_start_mask(episode_start: Any, first: bool, rows: int) -> Booleans:

@@ -1,6 +1,7 @@
 """What a policy is given by a scenario."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,11 @@ from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay, Noise
-from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
+from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK, ObservationLayout
+from quadpend_train.policies.finite_differences import FiniteDifferencePolicy, with_velocities
 from quadpend_train.policies.loading import check_policy
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from tests.helpers.bad_input import assert_refused
 from tests.helpers.policies import ESTIMATE_ONLY, mlp_policy
 
 DELAYED = Scenario(sensors=[Noise(position=0.001), Delay(1)], actuators=[ActionDelay(2), MotorLag(0.02)])
@@ -49,7 +53,7 @@ class Recording(Policy):
 def test_unobserved_velocities_are_finite_differences() -> None:
     """They lag by half a step: at 50 rad/s² that is 0.25 rad/s, or 0.125 after scaling."""
     recording = Recording()
-    policy = FiniteDifferencePolicy(recording, Scenario().period)
+    policy = FiniteDifferencePolicy(recording, FULL, OUTPUT_FEEDBACK, Scenario().period)
     full = Scenario().make_vec(20, AutoresetMode.SAME_STEP)
     hidden = Scenario(observation="output_feedback").make_vec(20, AutoresetMode.SAME_STEP)
     true, observation, memory = full.reset(seed=3)[0], hidden.reset(seed=3)[0], None
@@ -75,6 +79,48 @@ def test_learned_policy_receives_finite_differences_only_if_it_needs_them() -> N
     for needy in (whole, adrc):
         assert isinstance(needy.adapt(hidden), FiniteDifferencePolicy)
     assert not isinstance(mlp_policy(45, hybrid=ESTIMATE_ONLY).adapt(hidden), FiniteDifferencePolicy)
+
+
+class Sum(Policy):
+    """A policy that reads two fields."""
+
+    layouts = (ObservationLayout(("attitude", "tracking_error")),)
+
+    def predict(self, observation: Any, *_: Any, **__: Any) -> tuple[Any, Any]:
+        return observation[:, :4], None
+
+
+def test_policies_get_their_fields_by_name() -> None:
+    whole = Scenario().make_vec(3).reset(seed=0)[0]
+    for fields in (["tracking_error", "yaw_reference", "attitude"], ["attitude", "tracking_error"]):
+        scenario = Scenario(observation=fields)  # type: ignore[arg-type]
+        seen = scenario.make_vec(3).reset(seed=0)[0]
+        for given, flown in ((seen, with_velocities(Sum(), scenario)), (whole, with_velocities(Sum(), Scenario()))):
+            np.testing.assert_array_equal(flown.predict(given)[0], whole[:, [12, 13, 14, 0]])
+
+
+def test_a_network_is_refused_where_a_field_is_not_observed(tmp_path: Path) -> None:
+    few = Scenario(observation=["direction", "tracking_error"])  # type: ignore[arg-type]
+    network = mlp_policy(6, observation=["attitude", "tracking_error"])
+    network.save(tmp_path / "few.npz")
+    for policy in (network, MlpPolicy.load(tmp_path / "few.npz")):
+        assert_refused(lambda policy=policy: policy.adapt(few), "reads attitude, which the scenario does not observe")
+        assert policy.adapt(Scenario(observation=policy.layouts[0])) is policy
+    for policy in (mlp_policy(27), controller("lqr"), mlp_policy(45, hybrid=ESTIMATE_ONLY)):
+        message = "reads attitude and reference_2.*, which the scenario does not observe: it observes direction, track"
+        assert_refused(lambda policy=policy: policy.adapt(few), message, ValueError)
+    assert_refused(
+        lambda: controller("swing-up").adapt(Scenario(observation=OUTPUT_FEEDBACK)), "reads .*_rate", ValueError
+    )
+
+
+def test_a_controller_reads_an_observation_in_any_order() -> None:
+    mixed = Scenario(observation=FULL[::-1])  # type: ignore[arg-type]
+    actions = [
+        controller("lqr").adapt(scenario).predict(scenario.make_vec(3).reset(seed=0)[0])[0]
+        for scenario in (Scenario(), mixed)
+    ]
+    np.testing.assert_array_equal(*actions)
 
 
 def test_policy_is_refused_where_an_action_commands_something_else_and_warns_of_another_vehicle() -> None:

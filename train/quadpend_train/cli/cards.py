@@ -60,7 +60,8 @@ def _learned(name: str) -> tuple[dict[str, Any], dict[str, str]]:
     lines = {
         "what": f"hybrid: {_pairs(hybrid)}" if hybrid else "network that acts alone",
         "network": f"{' → '.join(map(str, widths))}, {card['activation']}",
-        "observes": f"the environment's observation of {' or '.join(map(str, policy.observation_sizes))} numbers"
+        "observes": f"{' or '.join(str(layout.size) for layout in policy.layouts)} numbers of the environment"
+        + "".join(f"; {', '.join(layout)}" for layout in policy.layouts if layout not in PRESETS.values())
         + (f", as {hybrid['base_controller']} estimates it" if hybrid else ""),
     }
     if score and "settings" in card:

@@ -22,8 +22,9 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
         self.envs = list(envs)  # Gymnasium 1.2 closes it also if the constructor fails
         first = envs[0]
-        if any(env.single_observation_space != first.single_observation_space for env in envs):
-            raise ValueError("envs must have the same observation space")
+        spaces = [env.single_observation_space for env in envs]
+        if any(space != spaces[0] or meaning_of(space) != meaning_of(spaces[0]) for space in spaces):
+            raise ValueError("envs must have the same observation")
         if len({(world.simulation.interface, world.simulation.period) for env in envs for world in worlds(env)}) > 1:
             raise ValueError("envs must have the same interface and control period")
         self.metadata = dict(first.metadata)

@@ -12,13 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from quadpend_baselines import Policy
 from quadpend_baselines.estimation.measurement import measurement_from_observation
-from quadpend_baselines.policy.protocol import episode_start_mask
-from quadpend_gym import read_observation
+from quadpend_baselines.policy.protocol import episode_start_mask, fed_by_name
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.c_library import load_c
 from quadpend_gym.physics.state import State
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
 
 C_PREFIX = "c:"  # of the names of these policies
 SAMPLE_SIZE = 34  # position, quaternion and direction; seven derivatives of the reference, and the yaw reference
@@ -42,20 +41,17 @@ def is_c(name: str) -> bool:
 
 
 def samples_of(observation: Floats32, rod_length: float) -> Floats:
-    """Return what a C file takes for observations of shape (n, 36) or (n, 27), shape (n, 34); l in m.
+    """Return what a C file takes for observations without velocities, shape (n, 27), shape (n, 34); l in m.
 
     The position is relative to the reference, whose position and velocity are therefore zero.
     """
-    seen = observation
-    if observation.shape[-1] != OUTPUT_FEEDBACK_SIZE:
-        seen = observation[:, OUTPUT_FEEDBACK_COLUMNS]
-    measured = measurement_from_observation(seen, rod_length)
+    measured = measurement_from_observation(observation, rod_length)
     state = State(measured.state)
     x, y, z, w = Rotation.from_euler("xyz", state.euler).as_quat().T
     quaternion = np.stack([w, x, y, z], axis=1)
-    orders = [read_observation(seen, f"reference_{order}", OUTPUT_FEEDBACK) for order in range(2, 7)]
-    none = np.zeros((len(seen), 6))
-    yaw = read_observation(seen, "yaw_reference", OUTPUT_FEEDBACK)
+    orders = [OUTPUT_FEEDBACK.read(observation, f"reference_{order}") for order in range(2, 7)]
+    none = np.zeros((len(observation), 6))
+    yaw = OUTPUT_FEEDBACK.read(observation, "yaw_reference")
     return np.hstack([state.position, quaternion, state.direction, none, *orders, yaw])
 
 
@@ -67,6 +63,7 @@ class CPolicy(Policy):
         flags: Macros such as ``QUADPEND_DOUBLE``, which are defined before.
     """
 
+    layouts = (OUTPUT_FEEDBACK,)
     has_linear_model = False
 
     def __init__(self, path: str | Path, flags: tuple[str, ...] = ()) -> None:
@@ -88,7 +85,7 @@ class CPolicy(Policy):
     def _library(self) -> Any:
         return load_c(self.source)
 
-    def adapt(self, scenario: Scenario) -> "CPolicy":
+    def adapt(self, scenario: Scenario) -> Policy:
         """Return the policy for a scenario with the period and the interface for which the file was written."""
         simulation = scenario.simulation
         for name, value in (("PERIOD", repr(simulation.period)), ("INTERFACE", simulation.interface)):
@@ -99,7 +96,7 @@ class CPolicy(Policy):
                 )
         other = copy(self)
         other.scale, other.rod_length = simulation.command_scale, simulation.parameters.rod_length
-        return other
+        return fed_by_name(other, scenario)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

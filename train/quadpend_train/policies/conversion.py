@@ -23,6 +23,7 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.envs.spaces import action_space
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks.observation import FULL, as_layout
 from quadpend_train.policies.finite_differences import with_velocities
 from quadpend_train.policies.mlp_policy import check_interface
 from quadpend_train.policies.normalization import Normalization
@@ -36,19 +37,16 @@ PROTOCOL = (
 class ObjectPolicy(Policy):
     """An object with the method `predict`.
 
-    Of a model, the normalisation, the sizes of its observations, and the interface and the vehicle of its training may
-    be known, the latter two as in the card of an `MlpPolicy`.
+    Of a model, the normalisation may be known, and the fields, the interface and the vehicle of its training as in the
+    card of an `MlpPolicy`.
     """
 
     def __init__(
-        self,
-        value: Any,
-        normalization: Normalization | None = None,
-        observation_sizes: tuple[int, ...] | None = None,
-        card: dict[str, str] | None = None,
+        self, value: Any, normalization: Normalization | None = None, card: dict[str, Any] | None = None
     ) -> None:
-        self.value, self.normalization, self.observation_sizes = value, normalization, observation_sizes
-        self.card = card
+        self.value, self.normalization, self.card = value, normalization, card
+        if card and "observation" in card:
+            self.layouts = (as_layout(card["observation"]),)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -72,11 +70,12 @@ class ObjectPolicy(Policy):
 class FunctionPolicy(Policy):
     """A policy that calls a function, such as a torch module or a session of ONNX, for a batch of observations.
 
-    The function maps observations, shape (n, `size`), float32, to actions, shape (n, 4), which are clipped to [−1, 1].
+    The function maps observations of the given fields, shape (n, m), float32, to actions, shape (n, 4), which are
+    clipped to [−1, 1]. The fields are the name of a preset or a list.
     """
 
-    def __init__(self, function: Callable[[Floats32], Any], size: int = 36) -> None:
-        self.function, self.observation_sizes = function, (size,)
+    def __init__(self, function: Callable[[Floats32], Any], fields: Any = FULL) -> None:
+        self.function, self.layouts = function, (as_layout(fields),)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -85,7 +84,7 @@ class FunctionPolicy(Policy):
         return np.clip(np.asarray(self.function(observation), np.float32), -1.0, 1.0), None
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return the policy, with velocities if it needs them."""
+        """Return the policy as it reads the observation of a scenario, with velocities if it needs them."""
         return with_velocities(self, scenario)
 
 
@@ -120,7 +119,7 @@ def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
     try:
         return export(model, vec_normalize)
     except Exception:  # networks of other libraries have other attributes
-        return ObjectPolicy(model, normalization, model.observation_space.shape, card)
+        return ObjectPolicy(model, normalization, card)
 
 
 class FactoryPolicy(Policy):

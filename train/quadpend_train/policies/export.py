@@ -14,6 +14,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.envs.spaces import meaning_of
+from quadpend_gym.tasks.observation import PRESETS
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 from quadpend_train.policies.normalization import STATISTICS, Normalization, from_vec_normalize, statistics_files
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, actor_modules, read_zip
@@ -91,8 +92,10 @@ def _statistics(path: Path, model: Any) -> Path | None:
     return found[0] if found else None
 
 
-def trained_for(model: Any) -> dict[str, str]:
-    """Return the interface and the vehicle of a model's training, as on a card; nothing if the model does not say it.
+def trained_for(model: Any) -> dict[str, Any]:
+    """Return fields, interface and vehicle of a model's training, as on a card; nothing if the model does not say it.
+
+    A model from elsewhere, or of an older version, reads a preset if it has as many inputs.
 
     Raises:
         ValueError: If the model is a part of a hybrid, which does not fly alone.
@@ -100,7 +103,9 @@ def trained_for(model: Any) -> dict[str, str]:
     found = meaning_of(model.action_space)
     if "hybrid" in found:
         raise ValueError(f"the model is the network of a hybrid ({found['hybrid']}): give the policy file of its run")
-    return found
+    observed, presets = meaning_of(model.observation_space), {(layout.size,): layout for layout in PRESETS.values()}
+    layout = observed.get("layout") or presets.get(model.observation_space.shape)
+    return found if layout is None else {**found, "observation": list(layout)}
 
 
 def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[list[tuple[Floats32, Floats32]], dict[str, Any]]:

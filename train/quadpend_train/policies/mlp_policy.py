@@ -31,7 +31,7 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK, ObservationLayout, as_layout
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
 from quadpend_train.policies.finite_differences import with_velocities
@@ -39,7 +39,6 @@ from quadpend_train.policies.normalization import Normalization
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 2"
-OBSERVATION_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
@@ -60,6 +59,8 @@ class Card:
     normalization: Normalization | None = None  # of the inputs
     interface: Literal["wrench", "rotors", "body_rates"] | None = None  # what an action commands; None: unknown
     vehicle: str | None = None  # of the training; "any": several; None: the paper's
+    # Fields that the network reads; none: those of a preset, which the number of its inputs tells
+    observation: tuple[str, ...] = ()
 
 
 class MlpPolicy(Policy):
@@ -69,7 +70,7 @@ class MlpPolicy(Policy):
     `Card`, and others.
     """
 
-    observation_sizes: tuple[int, ...]  # 36, 27 or both
+    layouts: tuple[ObservationLayout, ...]
 
     def __init__(self, layers: Sequence[tuple[Floats32, Floats32]], card: dict[str, Any]) -> None:
         known = {item.name for item in fields(Card)}
@@ -79,11 +80,12 @@ class MlpPolicy(Policy):
         self.layers, self.card, self.input_scales = list(layers), card, read.input_scales
         self.hybrid: Hybrid | None = None if read.hybrid is None else hybrid_from_data(read.hybrid)
         self._activation, self._normalization = ACTIVATIONS[read.activation], read.normalization
-        sizes = {size: self.hybrid.observation_size(size) if self.hybrid else size for size in OBSERVATION_SIZES}
+        layouts = (as_layout(read.observation),) if read.observation else (FULL, OUTPUT_FEEDBACK)
+        sizes = [self.hybrid.observation_size(layout.size) if self.hybrid else layout.size for layout in layouts]
         inputs = len(self.layers[0][0]) / (1 + len(self.input_scales))
-        self.observation_sizes = tuple(size for size, count in sizes.items() if count == inputs)
-        if not self.observation_sizes:
-            raise ValueError(f"the network takes {inputs:g} numbers, not {' or '.join(map(str, sizes.values()))}")
+        self.layouts = tuple(layout for layout, size in zip(layouts, sizes, strict=True) if size == inputs)
+        if not self.layouts:
+            raise ValueError(f"the network takes {inputs:g} numbers, not {' or '.join(map(str, sizes))}")
         with np.errstate(invalid="ignore"):
             output = self.forward(np.zeros((1, int(inputs)), np.float32))
         if output.shape != (1, ACTION_SIZE) or output.dtype != np.float32 or not np.isfinite(output).all():
@@ -127,10 +129,11 @@ class MlpPolicy(Policy):
     ) -> tuple[Floats32, Any]:
         """Return the action and the memory; see `quadpend_baselines.Policy.predict`."""
         observation = np.asarray(observation, np.float32)
-        if observation.shape[-1] not in self.observation_sizes:
+        sizes = [layout.size for layout in self.layouts]
+        if observation.shape[-1] not in sizes:
             raise ValueError(
-                f"this policy takes observations of {' or '.join(map(str, self.observation_sizes))} numbers, not of"
-                f" shape {observation.shape}"
+                f"this policy takes observations of {' or '.join(map(str, sizes))} numbers, not of shape"
+                f" {observation.shape}"
             )
         if not deterministic:
             raise ValueError("deterministic must be True: an MlpPolicy acts deterministically")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.tasks.observation import FULL
 from quadpend_train.common.text import brief
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.export import export
@@ -77,7 +77,7 @@ def load_actor(model: Any, settings: TrainSettings) -> None:
         raise ValueError(f"start_from must be a learned policy with a feedforward network, not {settings.start_from}")
     hybrid = settings.hybrid
     wider = linear_layers(model)[0].in_features
-    plain = policy.hybrid is None and len(policy.layers[0][0]) == OBSERVATION_SIZE < wider
+    plain = policy.hybrid is None and policy.layouts == (FULL,) and len(policy.layers[0][0]) < wider
     if plain and hybrid.base_controller and hybrid.mode == "estimate_only" and not hybrid.deviations:
         policy = _with_inputs(policy, wider, settings.policy_interface())
     try:
