@@ -13,10 +13,10 @@ from quadpend_baselines.hybrid.hybrids import Hybrid, HybridMemory, hybrid_from_
 from quadpend_baselines.policy.protocol import replace_rows
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.envs.inputs import check_action, clip_rounding
-from quadpend_gym.envs.spaces import action_space, observation_space
+from quadpend_gym.envs.spaces import action_space, meaning_of, observation_space
 from quadpend_gym.envs.world import world_of
 from quadpend_gym.physics.state import ACTION_SIZE
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.observation import PRESETS, as_layout
 from quadpend_gym.wrappers import last_observations, replace_final_observations
 
 NO_HYBRID = "hybrids balance an upright pendulum: the base controller does not fly a hanging load"
@@ -43,10 +43,11 @@ class VectorHybridWrapper(VectorWrapper):
     ):
         super().__init__(env)
         space, world = env.single_observation_space, world_of(env)
-        if space.shape not in ((OBSERVATION_SIZE,), (OUTPUT_FEEDBACK_SIZE,)):
+        layout = meaning_of(space).get("layout")
+        if layout not in PRESETS.values():
             raise ValueError(
-                f"a hybrid takes observations of {OBSERVATION_SIZE} or {OUTPUT_FEEDBACK_SIZE} numbers, not of {space}:"
-                " put its wrapper inside the other wrappers that change the observation"
+                f"a hybrid takes the observation {' or '.join(map(repr, PRESETS))}, not {space}: put its wrapper inside"
+                " the other wrappers that change the observation"
             )
         if world.task.pendulum != "upright":
             raise ValueError(NO_HYBRID)
@@ -54,7 +55,7 @@ class VectorHybridWrapper(VectorWrapper):
         named = isinstance(found.base_controller, str)
         made = found.designed_for if teaches else found.flown_in
         self.hybrid = made(world.simulation, loop) if named else found
-        self.single_observation_space = observation_space(self.hybrid.observation_size(space.shape[0]))
+        self.single_observation_space = observation_space(self.hybrid.observation_size(as_layout(layout).size))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.single_action_space = action_space(hybrid=type(self.hybrid).__name__)
         self.memory: HybridMemory | None = None

@@ -13,6 +13,7 @@ from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.gains import DESCRIPTIONS, TUNED
 from quadpend_gym import Simulation
 from quadpend_gym.core.nested import flat
+from quadpend_gym.tasks.observation import PRESETS
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import TrainSettings, settings_of_card, to_mapping

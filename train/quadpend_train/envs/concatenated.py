@@ -24,7 +24,7 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
         first = envs[0]
         spaces = [env.single_observation_space for env in envs]
         if any(space != spaces[0] or meaning_of(space) != meaning_of(spaces[0]) for space in spaces):
-            raise ValueError("envs must have the same observation")
+            raise ValueError("envs must have the same observation space")
         if len({(world.simulation.interface, world.simulation.period) for env in envs for world in worlds(env)}) > 1:
             raise ValueError("envs must have the same interface and control period")
         self.metadata = dict(first.metadata)

@@ -23,7 +23,7 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_gym.sensors import Delay
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK, PRESETS
 from quadpend_train.common.files import atomic
 from quadpend_train.export.program import program
 from quadpend_train.policies.compiled import samples_of
@@ -133,6 +133,8 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
         raise ValueError("C files command thrust with torques or body rates: choose another --scenario without rotors")
     if any(isinstance(model, Delay) for model in scenario.sensors):
         raise ValueError("C files predict no delay of sensors: choose another --scenario, with a latency in its place")
+    if policy.layouts and not set(policy.layouts) & set(PRESETS.values()):
+        raise ValueError(f"{name} cannot be written as C: it reads the fields {', '.join(policy.layouts[0])} only")
     adapted = copy(policy).adapt(scenario)
     inner = _inner(adapted)
     if isinstance(inner, MlpPolicy):

@@ -49,7 +49,7 @@ from torch import Tensor
 from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
+from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.flight import Flights, Step, check_covered, reference_points
@@ -208,7 +208,7 @@ def check_apg(settings: TrainSettings) -> None:
             raise ValueError(f"{name} must be {only!r} with algo 'apg', not {value!r}")
     for scenario in settings.scenarios:
         check_covered(scenario.name, scenario)
-        if scenario.observation == OUTPUT_FEEDBACK and not settings.hybrid.base_controller:
+        if not set(FULL) - set(OUTPUT_FEEDBACK) <= set(scenario.observation) and not settings.hybrid.base_controller:
             raise ValueError(
                 f"the scenario {scenario.name} has no velocities in its observation: algo 'apg' needs a"
                 " base_controller, which estimates them"

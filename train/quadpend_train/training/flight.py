@@ -35,7 +35,6 @@ from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, EULER_RATE
 from quadpend_gym.physics.vectors import load
 from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import FULL
 from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.tasks.task import Limits
 from quadpend_gym.tasks.trajectories import Reference
@@ -66,7 +65,7 @@ class Kind(NamedTuple):
         """Return the kind of a scenario's flights, for a policy with `size` observations and its hybrid, or None."""
         rigid = scenario.simulation.vehicle.attitude == "rigid"  # it has drag in still air, too
         moves_air = rigid or any(model.moves_air for model in scenario.wind_models)
-        observer = Observer.of(hybrid, scenario.observation == FULL, size)
+        observer = Observer.of(hybrid, scenario.observation, size)
         delay = Loop.of(scenario.sensors).sensor_delay
         return cls(scenario.simulation, scenario.actuators, moves_air, delay, scenario.loop, observer)
 

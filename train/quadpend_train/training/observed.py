@@ -44,10 +44,13 @@ from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four
 from quadpend_gym.tasks.observation import (
+    ALL,
+    FULL,
     OBSERVATION_SCALE,
     OBSERVATION_SIZE,
-    OUTPUT_FEEDBACK_COLUMNS,
+    OUTPUT_FEEDBACK,
     REFERENCE_START,
+    ObservationLayout,
 )
 from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
@@ -60,7 +63,7 @@ class Observer(NamedTuple):
     """What the observation of a policy depends on."""
 
     estimator: Estimator | None  # None: the policy observes the measured state
-    has_rates: bool  # whether the environment's observation has velocities
+    layout: ObservationLayout  # the fields of the environment's observation
     situation: bool  # whether the policy observes it
     innovations: bool  # whether it observes filtered innovations
     law: Lqg | None  # the law of the deviations; None: it observes estimates
@@ -68,16 +71,21 @@ class Observer(NamedTuple):
     period: float = 0.0  # of a memory of the measurements, s; 0: the policy observes none
 
     @classmethod
-    def of(cls, hybrid: Any, has_rates: bool, size: int) -> "Observer":
+    def of(cls, hybrid: Any, layout: ObservationLayout, size: int) -> "Observer":
         """Return the observer of a hybrid; None: there is no hybrid."""
         if isinstance(hybrid, MemoryOnly):
-            return cls(None, False, False, False, None, size, hybrid.period)
+            return cls(None, OUTPUT_FEEDBACK, False, False, None, size, hybrid.period)
         base = None if hybrid is None else hybrid.controller
         estimator = base.estimator if isinstance(base, OutputFeedback) else None
         if estimator is None:
-            return cls(None, has_rates, False, False, None, size)
+            return cls(None, layout, False, False, None, size)
         law = hybrid.controller._law if hybrid.deviations else None
-        return cls(estimator, has_rates, hybrid.situation, hybrid.innovations, law, size)
+        return cls(estimator, layout, hybrid.situation, hybrid.innovations, law, size)
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether the environment's observation has velocities."""
+        return self.layout == FULL
 
     def values(self, memory: Any) -> tuple[Floats, Floats]:
         """Return the beliefs in the memory of a hybrid, and ε and the gains of the next step, both with n rows."""
@@ -127,8 +135,7 @@ def observation_step(observer: Observer) -> Any:
         ca.SX.sym(*pair) for pair in zip(("y", "p", "point"), (STATE_SIZE, PARAMETERS_SIZE, POINT_SIZE), strict=True)
     )
     action, observed = ca.SX.sym("action", ACTION_SIZE), engines.observation_function()(measured, parameters, point)[0]
-    if not observer.has_rates:
-        observed = observed[OUTPUT_FEEDBACK_COLUMNS.tolist()]
+    observed = observed[np.arange(ALL.size)[ALL.select(observer.layout)].tolist()]
     if observer.period:
         belief, sensing = ca.SX.sym("belief", REMEMBERED_SIZE), ca.SX(0, 1)
         inputs, next_belief = remembered_of(observed, action, belief, observer.period)
