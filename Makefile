@@ -27,8 +27,8 @@ check: .venv/.installed  ## run what CI runs first: format, lint, types, imports
 	$(BIN)/lint-imports
 	$(MAKE) docs test
 
-check-extras: .venv-ray/.installed  ## run the tests that need Ray or Betaflight, or take long; what is missing is skipped with a reason
-	OMP_NUM_THREADS=1 PIP_CONSTRAINT=$(CURDIR)/constraints.txt .venv-ray/bin/python -m pytest -m extras -rs
+check-extras: .venv/.installed  ## run the tests that need Betaflight, or take long; what is missing is skipped with a reason
+	OMP_NUM_THREADS=1 PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/python -m pytest -m extras -rs
 
 check-lowest: .venv-lowest/.installed  ## run the tests of the packages with the lowest versions that pyproject.toml permits
 	$(LOWEST) -m tests.helpers.kernels
@@ -80,15 +80,4 @@ clean:  ## delete the caches of numba and of the tools
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.10 or newer is needed, not " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,view,dev,docs]'
-	touch $@
-
-# Ray beside the packages of .venv. Where it cannot be installed or does not start, its tests are skipped, and so are those of
-# Betaflight unless BETAFLIGHT_SITL is the path of its firmware. Ray gives up after 30 s, which a busy machine may need.
-START_RAY = timeout 120 $(@D)/bin/python -c "import ray; ray.init('local', num_cpus=1, include_dashboard=False)"
-.venv-ray/.installed: .venv/.installed
-	$(PYTHON) -m venv --without-pip $(@D)
-	$(@D)/bin/python -c 'import sysconfig as s; open(s.get_path("purelib") + "/main.pth", "w").write("import site; site.addsitedir(\"" + s.get_path("purelib").replace("$(@D)", ".venv") + "\")\n")'
-	$(@D)/bin/python -m pip install --quiet --constraint constraints.txt 'ray[client,tune]>=2.40' \
-		&& ($(START_RAY) || $(START_RAY)) \
-		|| $(@D)/bin/python -m pip uninstall --quiet --yes ray
 	touch $@

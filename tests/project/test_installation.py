@@ -1,6 +1,7 @@
 """Every extra can be installed into an empty environment, and its packages can be imported."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,10 +9,10 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
+from quadpend_gym.core.files import read_toml
 from tests.helpers.sources import ROOT
-from tests.project.test_dependencies import PROJECT, name_of
 
-EXTRAS = PROJECT["optional-dependencies"]
+EXTRAS = read_toml(ROOT / "pyproject.toml")["project"]["optional-dependencies"]
 IMPORT = """
 import importlib, sys
 from importlib.metadata import packages_distributions
@@ -39,4 +40,5 @@ def test_an_extra_can_be_installed_and_imported(extra: str) -> None:
         call(uv, "venv", "--python", sys.executable, folder)
         options = ["--python", python, "--constraint", "constraints.txt", "--extra", extra]
         call(uv, "pip", "install", *options, "-r", "pyproject.toml")
-        call(python, "-I", "-c", IMPORT, *map(name_of, EXTRAS[extra]))
+        names = [re.split(r"[\[<>=;! ]", requirement)[0].lower().replace("_", "-") for requirement in EXTRAS[extra]]
+        call(python, "-I", "-c", IMPORT, *names)

@@ -1,19 +1,15 @@
-"""Results do not depend on the executor, and a call that fails is named when the others have ended."""
+"""Results do not depend on the number of processes, and a call that fails is named when the others have ended."""
 
 import os
 import signal
-import sys
-from concurrent.futures import Executor
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from quadpend_train.cli.main import main
-from quadpend_train.common.executors import CallsFailedError, executor, run
+from quadpend_train.common.executors import CallsFailedError, pool, run
 from tests.helpers.own_code import write_module
 
 FAILING = """
@@ -51,33 +47,14 @@ def kill_itself() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.fixture(params=[1, 2, pytest.param("local", marks=pytest.mark.extras)], ids=["here", "processes", "Ray"])
-def pool(request: pytest.FixtureRequest) -> Executor:
-    if isinstance(request.param, int):
-        return executor(request.param)
-    pytest.importorskip("ray", reason="needs Ray: make check-extras, or pip install 'quadpend-gym[cluster]'")
-    for _ in range(2):  # Ray gives up after 30 s, which its start takes on a busy machine now and then
-        with suppress(ValueError):
-            return executor(cluster=request.param)
-    return executor(cluster=request.param)
-
-
-def test_a_cluster_that_does_not_start_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def init(*_: Any, **__: Any) -> None:
-        raise Exception("The current node timed out during startup.")  # as in Ray
-
-    monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(init=init))
-    with pytest.raises(ValueError, match=r"there is no Ray cluster at local: .*timed out"):
-        executor(cluster="local")
-
-
-def test_results_arrive_under_their_names_and_failures_are_named_at_the_end(pool: Executor) -> None:
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_results_arrive_under_their_names_and_failures_are_named_at_the_end(jobs: int) -> None:
     calls: dict[Any, Any] = {number: partial(square, number) for number in range(7)}
-    assert run(calls, pool) == {number: number**2 for number in range(7)}
+    assert run(calls, jobs) == {number: number**2 for number in range(7)}
     found: dict[Any, int] = {}
     failing = {("a", 1): partial(refuse, 1), "odd": refuse_in_an_odd_way, **calls}
     with pytest.raises(CallsFailedError) as raised:
-        run(failing, pool, done=found.__setitem__, what="trial")
+        run(failing, jobs, done=found.__setitem__, what="trial")
     head, *lines = str(raised.value).splitlines()
     assert head == "2 of 9 trials failed; the others have ended:"
     assert any(line.startswith("  a, 1: ValueError: number must be even, not 1") for line in lines)
@@ -94,20 +71,11 @@ def test_a_killed_process_fails_its_call_only() -> None:
     assert len(raised.value.failures) <= 2  # the calls that ran at that moment
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [((0, None), "jobs must be at least 1"), ((2, "auto"), "give no --jobs")],
-)
-def test_wrong_numbers_of_jobs_are_refused(arguments: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        executor(*arguments)
-
-
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_a_failing_policy_is_named_and_the_other_results_are_cached(
     jobs: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    executor(int(jobs)).shutdown()  # the processes of other tests, which have another working directory
+    pool(2).shutdown()  # the processes of other tests, which have another working directory
     module = write_module(tmp_path, monkeypatch, FAILING)
     scenario = ["--scenarios", '{"duration": 0.2}', "--episodes", "2", "--jobs", jobs]
     with pytest.raises(SystemExit) as ended:

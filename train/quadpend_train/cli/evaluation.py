@@ -7,8 +7,7 @@ from typing import Annotated
 import tyro
 
 from quadpend_gym.core.settings import Range
-from quadpend_train.cli.options import Episodes, Seed, named_scenarios
-from quadpend_train.common.executors import executor
+from quadpend_train.cli.options import Episodes, Jobs, Latency, Seed, named_scenarios
 from quadpend_train.evaluation.episodes import TEST_SEED
 
 
@@ -18,13 +17,13 @@ def evaluate(
     episodes: Episodes = 100,
     seed: Seed = TEST_SEED,
     out: Path = Path("results"),
-    jobs: int = 1,
-    cluster: str | None = None,
+    jobs: Jobs = 1,
     cache: Path = Path("results/cache"),
     replay: Annotated[int, Range(0, 1000)] = 2,
     vehicle: str | None = None,
     interface: str | None = None,
     autopilot: str | None = None,
+    latency: Latency = None,
 ) -> None:
     """Evaluate policies in the same episodes and compare them with the first policy.
 
@@ -43,7 +42,6 @@ def evaluate(
         seed: Seed of the first episode. Tuning uses seeds from 2000000, the selection of trained policies from 3000000.
         out: Folder for report.html, the tables (.csv, .md) and the figure.
         jobs: Number of processes; the results do not depend on it.
-        cluster: Ray cluster that runs the jobs instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
         cache: Folder of cached results; only missing results are computed.
         replay: Episodes of each scenario that the report can replay; 0 omits the replay.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
@@ -52,6 +50,7 @@ def evaluate(
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
         autopilot: Real firmware in place of the rate loop in all scenarios, with gains matched to the vehicle, its own
             ones or those of a file of its command line: betaflight, betaflight:default or betaflight:tune.txt.
+        latency: Latency in all scenarios, s: from an action to the moment when it acts.
     """
     from rich.console import Console
 
@@ -59,11 +58,11 @@ def evaluate(
 
     made = report.evaluate(
         policies,
-        named_scenarios(scenarios, vehicle, interface, autopilot),
+        named_scenarios(scenarios, vehicle, interface, autopilot, latency),
         out,
         episodes=episodes,
         seed=seed,
-        jobs=executor(jobs, cluster),
+        jobs=jobs,
         cache_folder=cache,
         replay=replay,
     )

@@ -19,7 +19,6 @@ _EXTRAS = {
     "onnx": "onnx",
     "orangebox": "logs",
     "pyulog": "logs",
-    "ray": "cluster",
 }  # of packages that are not in the extra train
 _LONGEST = 4000  # characters of a sentence
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -159,6 +158,8 @@ def _run(arguments: list[str]) -> None:
         raise ValueError(
             f"there is no command {name!r}{suggest(name, COMMANDS)}; the commands are {', '.join(COMMANDS)}"
         )
+    if sys.stderr.isatty() and "--help" not in options:
+        print("Loading …", file=sys.stderr, flush=True)
     import tyro
 
     from quadpend_train.cli.options import checked

@@ -1,6 +1,6 @@
 """Helpers of several commands: ranges of options and NAME=SCENARIO.
 
-The options `--vehicle`, `--interface` and `--autopilot` apply to all scenarios of a command.
+The options `--vehicle`, `--interface`, `--autopilot` and `--latency` apply to all scenarios of a command.
 """
 
 import sys
@@ -20,6 +20,8 @@ from quadpend_gym.vehicles import doubts
 Episodes = Annotated[int, Range(1, 100_000)]
 Trials = Annotated[int, Range(1, 1_000_000)]
 Seed = Annotated[int, Range(0, 2**62)]
+Jobs = Annotated[int, Range(1, 1024)]
+Latency = Annotated[float | None, Range(0.0, 1.0, "s")]
 
 
 def checked(function: Callable[..., None]) -> Callable[..., None]:
@@ -45,6 +47,7 @@ def named_scenarios(
     vehicle: str | None = None,
     interface: str | None = None,
     autopilot: str | None = None,
+    latency: float | None = None,
 ) -> dict[str, Scenario]:
     """Return scenarios by name, see `find_scenarios`, all of them with what is given.
 
@@ -53,6 +56,9 @@ def named_scenarios(
     found = find_scenarios(scenarios)
     if vehicle is not None or interface is not None:
         found = find_scenarios(scenario.with_vehicle(vehicle, interface) for scenario in found.values())
+    if latency is not None:
+        late = (replace(one, latency=latency, name=f"{name} · {1e3 * latency:g} ms") for name, one in found.items())
+        found = find_scenarios(late)
     known = {(each.vehicle.name, doubt) for each in found.values() for doubt in doubts(each.simulation)}
     for name, sentence in sorted(known):
         print(f"Warning: vehicle {name}: {sentence}.", file=sys.stderr)

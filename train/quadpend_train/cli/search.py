@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from quadpend_train.cli.options import Episodes, Seed, Trials, named_scenarios
+from quadpend_train.cli.options import Episodes, Latency, Seed, Trials, named_scenarios
 
 
 def tune(
@@ -17,6 +17,7 @@ def tune(
     scenarios: tuple[str, ...] = ("training",),
     vehicle: str | None = None,
     interface: str | None = None,
+    latency: Latency = None,
     geometric: bool = False,
     storage: str | None = None,
 ) -> None:
@@ -36,6 +37,7 @@ def tune(
             TOML or JSON files, or JSON. "training" stands for all training scenarios.
         vehicle: Vehicle of all scenarios, as in evaluate.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
+        latency: Latency in all scenarios, s, as in evaluate.
         geometric: Minimise the geometric mean of the errors over the scenarios, plus 1 to 2 m times the share of falls.
         storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
             processes; the default is a file in OUT. Opening a storage executes code that it contains: use only storages
@@ -43,7 +45,7 @@ def tune(
     """
     from quadpend_train.search import shared, tuning
 
-    chosen = [*named_scenarios(scenarios, vehicle, interface).values()]
+    chosen = [*named_scenarios(scenarios, vehicle, interface, latency=latency).values()]
     searches = [tuning.Search(name, chosen, episodes, geometric) for name in controllers]
     out.mkdir(parents=True, exist_ok=True)
     for search in searches:

@@ -3,7 +3,6 @@
 import re
 import shlex
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -34,7 +33,7 @@ def begun(folders: Sequence[Path]) -> list[Path]:
     return [folder for folder in folders if (folder / SETTINGS).is_file()]
 
 
-def train_seeds(run: TrainSettings, seeds: str, out: Path, resume: bool, execute: Executor) -> list[Path]:
+def train_seeds(run: TrainSettings, seeds: str, out: Path, resume: bool, jobs: int) -> list[Path]:
     """Train with each seed, and return the run folders. Finished runs are skipped, and interrupted ones continue.
 
     The runs have the settings `run` with other seeds, and the names of their folders begin with `out`. Interrupted runs
@@ -49,7 +48,7 @@ def train_seeds(run: TrainSettings, seeds: str, out: Path, resume: bool, execute
         if not (folder / POLICY).is_file():
             calls[f"seed {seed}"] = partial(train_or_resume, settings, folder, progress=False)
     try:
-        run_calls(calls, execute, what="training", finished=len(folders) - len(calls))
+        run_calls(calls, jobs, what="training", finished=len(folders) - len(calls))
     except KeyboardInterrupt:
         command = f"quadpend train --resume {shlex.quote(str(out))} --seeds {seeds}"
         raise KeyboardInterrupt(f"`{command}` continues the runs" if begun([*folders.values()]) else "") from None

@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from quadpend_train.cli.options import named_scenarios
-from quadpend_train.common.executors import executor
+from quadpend_train.cli.options import Jobs, named_scenarios
 from quadpend_train.training.settings import (
     PRESETS,
     TrainSettings,
@@ -85,8 +84,7 @@ def train(
     vehicle: str | None = None,
     interface: str | None = None,
     seeds: str | None = None,
-    jobs: int = 1,
-    cluster: str | None = None,
+    jobs: Jobs = 1,
 ) -> None:
     """Train a policy.
 
@@ -105,13 +103,12 @@ def train(
         seeds: Several training seeds, such as 0-4 or 0,2,5, each in a folder of its own: OUT-0, OUT-1 and so on.
             Finished ones are skipped. With --resume OUT instead of --out OUT, interrupted ones continue.
         jobs: Number of processes for several seeds; the results do not depend on it.
-        cluster: Ray cluster that trains several seeds instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
     """
     from quadpend_train.cli.seeds import summary, train_seeds
     from quadpend_train.training import train as training
 
-    if seeds is None and (jobs != 1 or cluster is not None):
-        raise ValueError("--jobs and --cluster train several seeds: give them with --seeds")
+    if seeds is None and jobs != 1:
+        raise ValueError("--jobs trains several seeds: give it with --seeds")
     if resume:
         if vehicle or interface or out != DEFAULT_OUT:
             raise ValueError(
@@ -126,7 +123,7 @@ def train(
         given = [*texts, *(part for name, value in options.items() if value for part in (name, value))]
         run = replace(run, scenarios=named_scenarios(run.scenarios, vehicle, interface).values())
     if seeds is not None:
-        folders = train_seeds(run, seeds, resume or out, resume is not None, executor(jobs, cluster))
+        folders = train_seeds(run, seeds, resume or out, resume is not None, jobs)
     elif resume:
         folders = [training.resume(resume, run).parent]
     else:

@@ -22,8 +22,8 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Replace a file by a text in UTF-8; after an exception, it is unchanged."""
-    write_bytes(path, text.encode())
+    """Replace a file by a text in UTF-8, where names of files that are not UTF-8 are escaped; see `write_bytes`."""
+    write_bytes(path, text.encode(errors="backslashreplace"))
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -4,7 +4,6 @@ Names of policies and scenarios become objects here; everything below carries th
 """
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -69,7 +68,7 @@ def compare(
     episodes: int = 100,
     seed: int = TEST_SEED,
     cache_folder: Path | str | None = None,
-    jobs: int | Executor = 1,
+    jobs: int = 1,
 ) -> Comparison:
     """Run every policy through the same episodes of every scenario; the result does not depend on `jobs`.
 
@@ -84,7 +83,7 @@ def compare(
         episodes: Number in each scenario.
         seed: Seed of the first episode.
         cache_folder: Folder of the cached results; only missing results are computed.
-        jobs: Number of processes, or an executor of `quadpend_train.common.executors`.
+        jobs: Number of processes.
     """
     if not policies or not scenarios:
         raise ValueError("policies and scenarios must each have at least one entry")

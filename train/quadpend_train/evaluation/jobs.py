@@ -7,9 +7,7 @@ anew.
 
 import hashlib
 import json
-import sys
 from collections.abc import Hashable, Mapping
-from concurrent.futures import Executor
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -65,7 +63,7 @@ def code_hash() -> str:
 
 
 def run_jobs(
-    jobs: Mapping[Name, Job], cache_folder: Path | None = None, processes: int | Executor = 1
+    jobs: Mapping[Name, Job], cache_folder: Path | None = None, processes: int = 1
 ) -> dict[Name, EpisodeResults]:
     """Run all jobs and return their results, which do not depend on `processes`; only missing results are computed."""
     files = {name: job.file(cache_folder) for name, job in jobs.items()}
@@ -79,11 +77,6 @@ def run_jobs(
             with atomic(path) as unfinished, unfinished.open("wb") as file:
                 np.savez(file, **result._asdict())
 
-    if missing:
-        print(
-            "The first flight of each kind of vehicle, interface and observer compiles, for up to 3 minutes …",
-            file=sys.stderr,
-        )
     results |= run(missing, processes, done=save, finished=len(results))
     return {name: results[name] for name in jobs}
 

@@ -1,7 +1,6 @@
 """Evaluate policies and write the whole report: the page with its replay, tables, figures and data."""
 
 import json
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +32,7 @@ def evaluate(
     *,
     episodes: int = 100,
     seed: int = TEST_SEED,
-    jobs: int | Executor = 1,
+    jobs: int = 1,
     cache_folder: Path | str | None = None,
     replay: int = 2,
 ) -> Report:
