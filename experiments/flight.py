@@ -15,7 +15,7 @@ import pandas as pd
 
 from experiments.flight_cells import cell_table, errors_of, front_figure, scenario_figure
 from experiments.pages import CACHE, DOCS, README, fill, made_by, options, training_seeds
-from quadpend_baselines.gains import HUMMINGBIRD_TUNED
+from quadpend_baselines.gains import tuned
 from quadpend_gym.scenarios import SCENARIOS, find_scenarios
 from quadpend_train.common.executors import run
 from quadpend_train.common.files import write_text
@@ -81,7 +81,7 @@ def origins(found: Comparison) -> str:
     rows, limits = [], list(found.references.values())
     for policy, seeds in found.learners.items():
         cards: list[Any] = [getattr(item, "card", None) for item in seeds]
-        card, search, spread = cards[0], HUMMINGBIRD_TUNED.get(policy), "–"
+        card, search, spread = cards[0], tuned("hummingbird").get(policy), "–"
         texts = [", ".join(search.scenarios), f"`{search.command}`"] if search else ["–", "set by hand"]
         if card:
             names = [item if isinstance(item, str) else item["name"] for item in card["settings"]["scenarios"]]

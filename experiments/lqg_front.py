@@ -20,7 +20,7 @@ from scipy.optimize import differential_evolution
 from experiments.pages import DOCS
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.controllers.vehicle_gains import gains_for
+from quadpend_baselines.gains import gains_for
 from quadpend_baselines.modelling.linear_loop import linear_policy, margins, vehicle_model
 from quadpend_baselines.modelling.linear_reference import linear_reference, stationary_error
 from quadpend_gym.core.nested import changed

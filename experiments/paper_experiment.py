@@ -12,6 +12,7 @@ import numpy as np
 
 from experiments.paper_continuous import ContinuousLoop, Trajectory
 from quadpend_baselines.controllers.adrc import ACTION, ADRC, COMMAND
+from quadpend_baselines.gains import tuning
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import WIND_STREAM, Streams
@@ -48,7 +49,7 @@ def run() -> dict[str, Trajectory]:
     """Simulate the experiment in continuous time, at 1 kHz and at 100 Hz."""
     steps = round(DURATION / CONTINUOUS_STEP)
     times: Floats = 0.5 * CONTINUOUS_STEP * np.arange(2 * steps + 1, dtype=np.float64)
-    loop = ContinuousLoop(ADRC("paper"))
+    loop = ContinuousLoop(ADRC(tuning("adrc-paper").gains))
     every = round(RECORDING_PERIOD / CONTINUOUS_STEP)
     return {
         "continuous": loop.simulate(start_state(), REFERENCE, gusts(times), CONTINUOUS_STEP, every),

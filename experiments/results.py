@@ -8,7 +8,7 @@ It also writes docs/results/ (tables, figures, report.html); `python -m experime
 import shutil
 
 from experiments.pages import CACHE, DOCS, fill, made_by, options, training_seeds, with_survival
-from quadpend_baselines.gains import TUNED
+from quadpend_baselines.gains import tuned
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_number, markdown_table
 from quadpend_train.evaluation.pairwise import compare_pair
@@ -40,7 +40,8 @@ def matrix(comparison: Comparison) -> str:
 
 def tuning() -> str:
     """Return a Markdown table with the tuning command and the score of each policy whose gains were tuned."""
-    rows = [[name, f"`{TUNED[name].command}`", format_number(TUNED[name].score)] for name in CLASSICAL if name in TUNED]
+    found = tuned()
+    rows = [[name, f"`{found[name].command}`", format_number(found[name].score)] for name in CLASSICAL if name in found]
     return markdown_table(["controller", "found by", "score (mm)"], rows)
 
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from experiments.pages import CACHE, DOCS, fill, options, with_survival
 from quadpend_baselines import CONTROLLERS
-from quadpend_baselines.gains import UNPREDICTED
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import SETS, Scenario
 from quadpend_gym.tasks.task import TASKS
@@ -103,7 +102,7 @@ def recovery(policies: Sequence[str], vehicles: Sequence[str], seed: int, jobs: 
 
 def as_flown(policies: Sequence[str], episodes: int, seed: int, jobs: int) -> str:
     """Return the settled RMSE of controllers in the set as-flown, also without prediction, as a Markdown table."""
-    names = [name for policy in policies for name in (policy, policy + UNPREDICTED) if name in CONTROLLERS]
+    names = [name for policy in policies for name in (policy, f"{policy}-unpredicted") if name in CONTROLLERS]
     found = compare(names, ["as-flown"], episodes, seed, CACHE, jobs=jobs)
     members = SETS["as-flown"]
     rows = [[name, *(_error(found, member, name, "settled_rmse") for member in members)] for name in names]

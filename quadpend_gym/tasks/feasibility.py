@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.tasks.trajectories import Sinusoids, Trajectory, Waypoints
+from quadpend_gym.tasks.trajectories import Trajectory
 from quadpend_gym.vehicles import Parameters, Simulation, mixing
 
 _STEP = 1e-3  # s, of central differences
@@ -109,9 +109,7 @@ def _rotor_thrusts(trajectory: Trajectory, simulation: Simulation, times: Floats
 
 @lru_cache(maxsize=64)
 def check_feasible(trajectory: Trajectory, simulation: Simulation, side: float = 1.0) -> None:
-    """Refuse waypoints or sinusoids that the vehicle cannot fly; later calls with equal arguments do nothing."""
-    if not isinstance(trajectory, Waypoints | Sinusoids):
-        return
+    """Refuse a trajectory that the vehicle cannot fly; later calls with equal arguments do nothing."""
     times = trajectory.sample_times()
     needed = demand(trajectory, simulation.parameters, times, side)
     largest = 2.0 * float(simulation.command_scale[0])

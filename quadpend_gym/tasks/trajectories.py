@@ -157,6 +157,15 @@ class _Packed:
         return out.reshape(*times.shape, ORDERS, CHANNELS)
 
 
+def _sample_times(frequencies: Any) -> Floats:
+    """Return times that resolve the slowest and the fastest angular frequency, over 10 s to 100 s; else one time."""
+    moving = np.abs(frequencies)[np.not_equal(frequencies, 0.0)]
+    if not moving.size:
+        return np.zeros(1)
+    horizon = np.clip(2.0 * np.pi / moving.min(), 10.0, 100.0)
+    return np.linspace(0.0, horizon, int(np.clip(horizon * max(50.0, 7.0 * moving.max()), 1, 20_000)))
+
+
 @settings
 class Reference(_Packed):
     """A constant velocity plus one sinusoid, see `references`.
@@ -218,6 +227,10 @@ class Reference(_Packed):
     def packed(self) -> Floats:
         """The packed trajectory, shape (23,)."""
         return np.concatenate([[0.0, 0.0, 1.0], self.as_array()])
+
+    def sample_times(self) -> Floats:
+        """Return times that resolve the sinusoids, s, shape (k,)."""
+        return _sample_times(self.frequency)
 
 
 @settings
@@ -306,12 +319,8 @@ class Sinusoids(_Packed):
         return np.concatenate([[0.0, 0.0, len(columns)], columns.ravel()])
 
     def sample_times(self) -> Floats:
-        """Return times that resolve the slowest and the fastest term, over 10 s to 100 s, s, shape (k,)."""
-        frequencies = np.abs([item.frequency for item in self.terms])
-        moving = frequencies[frequencies > 0.0]
-        slowest, fastest = (moving.min(), moving.max()) if moving.size else (1.0, 1.0)
-        horizon = np.clip(2.0 * np.pi / slowest, 10.0, 100.0)
-        return np.linspace(0.0, horizon, int(np.clip(horizon * max(50.0, 7.0 * fastest), 1, 20_000)))
+        """Return times that resolve the slowest and the fastest term, s, shape (k,)."""
+        return _sample_times([item.frequency for item in self.terms])
 
 
 Trajectory = Reference | Waypoints | Sinusoids

@@ -10,13 +10,13 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_baselines import CONTROLLERS, controller
-from quadpend_baselines.controllers.output_feedback import ControlLaw
+from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.estimation.estimate import LOOP, Estimate
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines.gains import tuning
 from quadpend_baselines.hybrid import Hybrid
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
-from quadpend_baselines.registry import CONTROLLER_FACTORIES
+from quadpend_baselines.registry import controller_of
 from quadpend_gym import Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.euler_kernel import advance
@@ -56,7 +56,7 @@ def quick_controller(name: str) -> Any:
     """Return the controller with a name; nmpc with a short horizon, so that tests of many steps are fast."""
     if name != "nmpc":
         return controller(name)
-    return CONTROLLER_FACTORIES[name](replace(GAINS[name], periods=2, period=0.08), None)
+    return controller_of(name, replace(tuning(name).gains, periods=2, period=0.08), None)
 
 
 def disturbance_of(
@@ -105,7 +105,7 @@ def run_law(law: Any, state: Floats, memory: Any = None, wind: Floats = CALM, re
 
 
 def simulate_with_true_state(
-    law: ControlLaw,
+    law: Law,
     simulation: Simulation,
     state: Floats,
     steps: int,

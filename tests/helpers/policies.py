@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from quadpend_baselines import ADRC, Policy
+from quadpend_baselines import Policy, controller
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 from quadpend_gym.scenarios import Scenario
@@ -24,7 +24,7 @@ class BiasedADRC:
     """ADRC that tracks the reference with a constant offset (m) in x."""
 
     def __init__(self, distance: float) -> None:
-        self.distance, self.adrc = distance, ADRC("matched")
+        self.distance, self.adrc = distance, controller("adrc-matched")
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -38,7 +38,7 @@ class NoisyADRC:
     """ADRC with small random actions added, which depend on the seed."""
 
     def __init__(self, seed: int) -> None:
-        self.random, self.adrc = np.random.default_rng(seed), ADRC("matched")
+        self.random, self.adrc = np.random.default_rng(seed), controller("adrc-matched")
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -84,7 +84,9 @@ def synthetic_comparison(duration: float = 10.0, **policies: list[EpisodeResults
     table = pd.concat([rows(*cell, results) for cell, results in found.items()], ignore_index=True)
     first = next(iter(found.values()))
     table.attrs = {"provenance": provenance(), "episodes": first.survived.shape[1], "seed": 0}
-    learners: dict[str, list[Policy]] = {name: [ADRC()] * len(items[0].survived) for name, items in policies.items()}
+    learners: dict[str, list[Policy]] = {
+        name: [controller("adrc-paper")] * len(items[0].survived) for name, items in policies.items()
+    }
     scenarios = {name: Scenario(duration=duration) for name, _ in found}
     return Comparison(table, {cell: results.error for cell, results in found.items()}, scenarios, learners)
 

@@ -37,9 +37,8 @@ forward, with the rates and the disturbance of the observers and the commands un
 the chains of the state do (`estimation.chains`). Equations (3) to (5) then give the command for the predicted state.
 """
 
-from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -86,7 +85,7 @@ from quadpend_baselines.estimation.prediction import (
     load_action,
     unpack_loop,
 )
-from quadpend_baselines.gains import ADRC_GAINS, AdrcGains
+from quadpend_baselines.gains import Bandwidth, Damping, ObserverGains, Scale
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     body_command,
@@ -111,6 +110,7 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE
@@ -121,7 +121,30 @@ from quadpend_gym.tasks.observation import (
     OUTPUT_FEEDBACK_SIZE,
 )
 
-GainsOrFunction = AdrcGains | Callable[[Simulation], AdrcGains]
+
+@settings
+class AdrcGains:
+    """Gains of ADRC.
+
+    The defaults are those of the paper's Section 5, not tuned. Where the paper gives no values, this project chooses
+    them: a saturation replaces the sign term (`ObserverGains`), with ρ above the largest |ϑ̈| of this project's winds,
+    so that the observers rarely leave the boundary layer; the sampling period is 10 ms, and the observers use the mean
+    of the known inputs over it (`estimation.observers`); the torques are limited.
+    """
+
+    horizontal_bandwidth: Bandwidth = 7.0  # ω_nc of F_x and F_y, Section 5
+    vertical_bandwidth: Bandwidth = 10.0  # ω_nc of height z and yaw ψ, Section 5
+    damping: Damping = 0.9  # ζ_c of all channels, Section 5
+    luenberger: ObserverGains = ObserverGains()  # of F … F⁽³⁾, (46)
+    horizontal: Annotated[ObserverGains, Scale(6, of="switching")] = ObserverGains(switching=5e6)  # of F⁽⁴⁾ …, ϑ, (47)
+    vertical: Annotated[ObserverGains, Scale(2, of="switching")] = ObserverGains(
+        switching=1e4
+    )  # of z and ψ, (13), (20)
+    # Share of the estimate δ̂ in F⁽⁴⁾, and of its rate in F⁽⁵⁾; 0: the paper's law, without δ̂
+    mismatch: Annotated[float, Range(0.0, 10.0)] = 0.0
+    predicts: bool = True  # whether known delays and lags of the loop are predicted through
+
+
 _MAX_ESTIMATE = 1e15  # an observer whose states exceed it starts again
 _MAX_RATE = 100.0  # rad/s, limit of estimated rates
 _MAX_STATE = 1e3  # a predicted state beyond it is not used
@@ -415,29 +438,17 @@ class ADRC(Controller):
     """The paper's controller as a policy with the `predict` protocol.
 
     Args:
-        gains: A name in `ADRC_GAINS` (``"paper"``, ``"matched"``, …), an `AdrcGains`, or a function that returns them
-            for a nominal simulation.
-        simulation: As of `Controller`.
-        loop: As of `Controller`.
+        gains, simulation, loop: As of `Controller`.
     """
 
     gains: AdrcGains
 
-    def __init__(
-        self,
-        gains: str | GainsOrFunction = "paper",
-        simulation: Simulation | None = None,
-        loop: Loop | None = None,
-    ) -> None:
-        if isinstance(gains, str):
-            if gains not in ADRC_GAINS:
-                raise ValueError(f"there are no ADRC gains {gains!r}; there are {', '.join(ADRC_GAINS)}")
-            gains = ADRC_GAINS[gains]
+    def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
         super().__init__(gains, simulation, loop)
         self.model, gains = equivalent_model(self.simulation), self.gains
         self._prediction = Prediction(self.simulation, self.loop if gains.predicts else Loop(), gains.predicts)
         # The driven state and the gains of each observer
-        self.observers = [
+        self.observers: list[tuple[Any, ObserverGains]] = [
             (LUENBERGER_INPUT, gains.luenberger),
             (LUENBERGER_INPUT, gains.luenberger),
             (ESO_INPUT, gains.horizontal),

@@ -17,24 +17,43 @@ Dual-mode control switches from one law to the other; here the change is continu
 
 from dataclasses import astuple, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from quadpend_baselines.controllers.flatness import flatness
-from quadpend_baselines.controllers.lqr import deviation, feedback, riccati
+from quadpend_baselines.controllers.flatness import FlatnessGains, flatness
+from quadpend_baselines.controllers.law import Law
+from quadpend_baselines.controllers.lqr import LqrGains, deviation, feedback, riccati
 from quadpend_baselines.estimation.estimate import Estimate, law_inputs
-from quadpend_baselines.gains import DualModeGains
+from quadpend_baselines.gains import EstimatorGains, NotNegative, Scale
 from quadpend_baselines.modelling.equivalent import Pendulum, equivalent_model, unpack_pendulum
 from quadpend_baselines.modelling.linear_model import model_state
 from quadpend_baselines.modelling.quantities import Derivatives, Forces, VehicleState
-from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import arctan2, sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.core.settings import settings
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.vectors import Four, axpy4, minus4, store_four
+
+
+@settings
+class DualModeGains:
+    """Gains of `controllers.dual_mode`."""
+
+    far: FlatnessGains = FlatnessGains()  # far from the reference
+    near: LqrGains = LqrGains()  # near it; its reach and estimator are not used
+    near_error: Annotated[NotNegative, Scale(-2.5)] = 0.09  # ε₀, m √s: below ε₀ and α₀ only the law near the reference
+    far_error: Annotated[NotNegative, Scale(-2.5)] = 0.16  # ε₁, m √s: above ε₁ or α₁ only the law far from it
+    near_tilt: NotNegative = 0.15  # α₀, rad
+    far_tilt: NotNegative = 0.3  # α₁, rad
+
+    @property
+    def estimator(self) -> EstimatorGains:
+        """Both laws use the estimates of `far`."""
+        return self.far.estimator
+
 
 unpack_gains = unpacker(DualModeGains)
 
@@ -91,11 +110,11 @@ def _commands(estimate: Floats, packed: Any, packed_rigid: Floats | None, out: F
 
 
 @dataclass(frozen=True)
-class DualMode:
+class DualMode(Law):
     """The control law (1)–(5) for n rows; `gains.near` has no integrators."""
 
     gains: DualModeGains
-    simulation: Simulation
+    flies_load = True
 
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None]:
@@ -104,12 +123,8 @@ class DualMode:
         gains = pack(astuple(self.gains))
         return (gains, gain, cost, self.simulation.period, model.packed), model.packed_rigid
 
-    def initial_memory(self, rows: int) -> tuple[()]:
-        """Return an empty tuple: this law has no memory."""
-        return ()
-
     def command(self, estimate: Estimate, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
-        """Return the command of equation (1); see `output_feedback.ControlLaw`."""
+        """Return the command of equation (1); see `law.Law`."""
         out = np.empty((len(estimate.array), 4))
         _commands(estimate.array, *self._numbers, out)
         return out, memory

@@ -29,12 +29,13 @@ called s here), and the torques that make the demanded accelerations follow from
 
 from dataclasses import astuple, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.estimation.estimate import Estimate, law_inputs
-from quadpend_baselines.gains import FlatnessGains
+from quadpend_baselines.gains import Angle, Bandwidth, Damping, EstimatorGains, Positive, Scale
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     body_command,
@@ -61,11 +62,11 @@ from quadpend_baselines.modelling.quantities import (
     limit_length,
     minus,
 )
-from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.core.settings import settings
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, scale, store_four
 from quadpend_gym.vehicles import Parameters
@@ -73,6 +74,24 @@ from quadpend_gym.vehicles import Parameters
 _MIN_THRUST = 0.2  # share of the weight: without thrust, the torques have no effect on the pendulum
 _MIN_AXIS_HEIGHT = 0.1  # lower bound of b_z: 84° of tilt; the default limit of an episode is 80°
 _MIN_THRUST_EFFECT = 0.1  # lower bound of the factor of u in the equation of the height
+
+
+@settings
+class FlatnessGains:
+    """Gains of `controllers.flatness`."""
+
+    position_bandwidth: Bandwidth = 2.5  # of a pair of poles
+    pendulum_bandwidth: Bandwidth = 7.0  # near the desired pendulum direction
+    attitude_bandwidth: Bandwidth = 20.0  # near the desired pendulum direction
+    damping: Damping = 0.9  # ζ of all pairs of poles
+    vertical_bandwidth: Bandwidth = 6.0  # of height and yaw
+    acceleration: Positive = 3.0  # m/s², limit of the bob acceleration that the position error demands
+    velocity: Annotated[Positive, Scale(-1)] = 1.5  # m/s, limit of the velocity that the position error demands
+    lean: Angle = 1.1  # limit of the tilt of the thrust
+    far_pendulum_bandwidth: Bandwidth = 4.5  # far from the desired pendulum direction
+    far_attitude_bandwidth: Bandwidth = 8.0  # far from the desired pendulum direction
+    near: Positive = 0.1  # η₀: at η = η₀ each bandwidth is the mean of its near and far values
+    estimator: EstimatorGains = EstimatorGains()
 
 
 unpack_gains = unpacker(FlatnessGains)
@@ -188,23 +207,19 @@ def _commands(estimate: Floats, packed: Any, packed_rigid: Floats | None, out: F
 
 
 @dataclass(frozen=True)
-class Flatness:
+class Flatness(Law):
     """The control law (1)–(7) for n rows."""
 
     gains: FlatnessGains
-    simulation: Simulation
+    flies_load = True
 
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None]:
         model = equivalent_model(self.simulation)
         return (pack(astuple(self.gains)), model.packed), model.packed_rigid
 
-    def initial_memory(self, rows: int) -> tuple[()]:
-        """Return an empty tuple: this law has no memory."""
-        return ()
-
     def command(self, estimate: Estimate, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
-        """Return the command of equations (1)–(7); see `output_feedback.ControlLaw`."""
+        """Return the command of equations (1)–(7); see `law.Law`."""
         out = np.empty((len(estimate.array), 4))
         _commands(estimate.array, *self._numbers, out)
         return out, memory

@@ -21,16 +21,17 @@ relies less on the model. `experiments/lqg_front.py` searches the smallest error
 
 from dataclasses import astuple, dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from quadpend_baselines.controllers.dual_mode import near_share
-from quadpend_baselines.controllers.flatness import flatness
+from quadpend_baselines.controllers.flatness import FlatnessGains, flatness
+from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.controllers.lqr import deviation, output_matrix
 from quadpend_baselines.estimation.estimate import MASS_RATIO, RIGID_PART, Estimate, law_inputs
-from quadpend_baselines.gains import LqgGains
+from quadpend_baselines.gains import EstimatorGains, NotNegative, Positive, Scale
 from quadpend_baselines.modelling.equivalent import equivalent_model, unpack_pendulum
 from quadpend_baselines.modelling.linear_model import (
     EULER,
@@ -48,6 +49,7 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.core.settings import settings
 from quadpend_gym.physics.attitude import body_rate
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE, ROTOR_THRUST
@@ -56,6 +58,23 @@ from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.physics.vectors import Vec3, axpy, multiply, store, store_four
 
 _LEAST = 1e-6  # m, the tracking error that counts as much as any state of 1
+
+
+@settings
+class LqgGains:
+    """Gains of `controllers.lqg`."""
+
+    far: FlatnessGains = FlatnessGains()  # far from the reference; its estimator is not used
+    effort: Annotated[Positive, Scale(-2)] = 0.03  # m, the tracking error that counts as much as an action of 1
+    wind_time: Positive = 3.0  # s, time constant with which the feedback expects the estimated wind to fade
+    yaw: Annotated[Positive, Scale(-2)] = 0.1  # m, the tracking error that counts as much as a yaw error of 1 rad
+    near_error: Annotated[NotNegative, Scale(-2.5)] = 0.09  # ε₀, m √s: below ε₀ and α₀ only the law near the reference
+    far_error: Annotated[NotNegative, Scale(-2.5)] = 0.16  # ε₁, m √s: above ε₁ or α₁ only the law far from it
+    near_tilt: NotNegative = 0.15  # α₀, rad
+    far_tilt: NotNegative = 0.3  # α₁, rad
+    estimator: EstimatorGains = EstimatorGains(models_loop=True)
+
+
 unpack_gains = unpacker(LqgGains)
 
 
@@ -114,11 +133,11 @@ def _deviations(estimate: Floats, packed: Any, packed_rigid: Floats | None, outs
 
 
 @dataclass(frozen=True)
-class Lqg:
+class Lqg(Law):
     """The control law (1)–(4) for n rows; its commands are actions."""
 
     gains: LqgGains
-    simulation: Simulation
+    commands_actions = True
 
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None, Floats]:
@@ -126,10 +145,6 @@ class Lqg:
         feedback, cost = (np.ascontiguousarray(matrix) for matrix in riccati(self.gains, self.simulation))
         packed = pack(astuple(self.gains)), model.packed, cost, self.simulation.period
         return packed, model.packed_rigid, feedback
-
-    def initial_memory(self, rows: int) -> tuple[()]:
-        """Return an empty tuple: this law has no memory."""
-        return ()
 
     def command(self, estimate: Estimate, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
         """Return the actions of equation (1), shape (n, 4), which can exceed [−1, 1]; the memory stays empty."""

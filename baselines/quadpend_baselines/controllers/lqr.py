@@ -17,13 +17,14 @@ actuators (anti-windup), and each component of σ is bounded. The norm of the ho
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
+from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.estimation.estimate import Estimate, law_inputs
-from quadpend_baselines.gains import LqrGains
+from quadpend_baselines.gains import EstimatorGains, NotNegative, Positive, Scale
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     body_command,
@@ -57,11 +58,27 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import select, sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.core.settings import settings
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.rotors import allocate, clip4
 from quadpend_gym.physics.vectors import Four, Vec3, load, minus4, multiply, store, store_four
 
 _OUTPUTS = 3
+
+
+@settings
+class LqrGains:
+    """Gains of `controllers.lqr`: the weights are inverse squares of tolerances."""
+
+    position: Annotated[Positive, Scale(-2)] = 0.3  # m
+    velocity: Annotated[Positive, Scale(-1)] = 0.6  # m/s
+    angle: Positive = 0.5  # rad
+    angle_rate: Annotated[Positive, Scale(1)] = 3.0  # rad/s
+    effort: Positive = 1.0  # share of the range of the action
+    reach: Annotated[Positive, Scale(-2)] = 0.5  # m, limit of the horizontal position error in the feedback
+    integral: Annotated[NotNegative, Scale(-3)] = 0.0  # m·s; 0: no integrators; only `lqi` has them
+    integral_limit: Annotated[NotNegative, Scale(-3)] = 0.5  # m·s
+    estimator: EstimatorGains = EstimatorGains()
 
 
 def output_matrix(rod_length: float) -> Floats:
@@ -233,11 +250,11 @@ def _commands(estimate: Floats, memory: Floats, packed: Any, packed_rigid: Float
 
 
 @dataclass(frozen=True)
-class Lqr:
+class Lqr(Law):
     """The control law (1) for n rows, with integrators if `gains.integral` is positive."""
 
     gains: LqrGains
-    simulation: Simulation
+    flies_load = True
 
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None]:
@@ -251,7 +268,7 @@ class Lqr:
         return np.zeros((rows, _OUTPUTS))
 
     def command(self, estimate: Estimate, memory: Floats) -> tuple[Floats, Floats]:
-        """Return the command of equation (1) and the integrals σ; see `output_feedback.ControlLaw`."""
+        """Return the command of equation (1) and the integrals σ; see `law.Law`."""
         out, after = np.empty((len(memory), 4)), np.empty_like(memory)
         _commands(estimate.array, memory, *self._numbers, (out, after))
         return out, after

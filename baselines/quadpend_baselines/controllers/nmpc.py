@@ -30,15 +30,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
-from quadpend_baselines.controllers.lqr import weights
+from quadpend_baselines.controllers.law import Law
+from quadpend_baselines.controllers.lqr import LqrGains, weights
 from quadpend_baselines.controllers.reference_horizon import reference_horizon
 from quadpend_baselines.estimation.estimate import Estimate
-from quadpend_baselines.gains import NmpcGains
+from quadpend_baselines.gains import Count, EstimatorGains, Scale
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import (
     MODEL_STATE_SIZE,
@@ -49,8 +50,8 @@ from quadpend_baselines.modelling.linear_model import (
     limit_norm,
     rotate_state,
 )
-from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE, State
@@ -61,6 +62,17 @@ _MAX_STATE = 1e3  # SI units; a step to a larger state is a failure
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| in a plan
 _CONVERGED = 1e-3  # after a smaller change of all actions, no further step is taken
 _SOLVING = Lock()  # threads may share a controller, but CasADi's solvers and the graphs that they share have no locks
+
+
+@settings
+class NmpcGains:
+    """Gains of `controllers.nmpc`."""
+
+    feedback: LqrGains = LqrGains()  # weights of the cost
+    periods: Count = 13  # H, periods of the horizon
+    period: Annotated[float, Range(1e-4, 10.0, "s"), Scale(-1)] = 0.04  # T, period of the horizon
+    iterations: Count = 1  # largest number of SQP steps in a control step
+    estimator: EstimatorGains = EstimatorGains()
 
 
 class NmpcMemory(NamedTuple):
@@ -81,11 +93,12 @@ class Horizon(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Nmpc:
+class Nmpc(Law):
     """The control law (1)–(2)."""
 
     gains: NmpcGains
-    simulation: Simulation
+    has_linear_model = False
+    commands_actions = True
 
     def __post_init__(self) -> None:
         if find_spec("casadi") is None:
@@ -145,15 +158,17 @@ class Nmpc:
         is_old = (age > self.steps)[:, np.newaxis, np.newaxis]
         plan = np.where(is_old, horizon.states, self._later(memory.states))
         actions, succeeds = np.where(is_old, horizon.actions, self._later(memory.actions)), np.ones(len(age), np.bool_)
+        active = np.arange(len(age))  # the rows that neither converged nor failed
         for _ in range(self.gains.iterations):
-            better, changed = self._improved(plan, actions, estimate, horizon)
+            part = Horizon(*(array[active] for array in horizon))
+            found = self._improved(plan[active], actions[active], Estimate(estimate.array[active]), part)
             with np.errstate(invalid="ignore"):
-                worst = np.abs(better).max(axis=(1, 2)) + np.abs(changed).max(axis=(1, 2))
-                succeeds = worst < _MAX_STATE
-                has_converged = np.abs(changed - actions).max() < _CONVERGED
-            kept = succeeds[:, np.newaxis, np.newaxis]
-            plan, actions = np.where(kept, better, plan), np.where(kept, changed, actions)
-            if has_converged:
+                worst = sum(np.abs(array).max(axis=(1, 2)) for array in found)
+                succeeds[active] = good = worst < _MAX_STATE
+                moves = np.abs(found[1] - actions[active]).max(axis=(1, 2)) >= _CONVERGED
+            plan[active[good]], actions[active[good]] = found[0][good], found[1][good]
+            active = active[moves & good]
+            if not active.size:
                 break
         memory = NmpcMemory(plan, actions, np.where(succeeds, 0, age), memory.failures + ~succeeds)
         return actions[:, 0].copy(), memory

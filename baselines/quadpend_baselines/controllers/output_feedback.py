@@ -1,16 +1,12 @@
 """Output feedback: a control law that uses the state and disturbance estimates of `estimation.kalman`."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from quadpend_baselines.controllers.controller import Controller
-from quadpend_baselines.controllers.dual_mode import DualMode
-from quadpend_baselines.controllers.flatness import Flatness
-from quadpend_baselines.controllers.lqg import Lqg
-from quadpend_baselines.controllers.lqr import Lqr
-from quadpend_baselines.controllers.nmpc import Nmpc
+from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.estimation.estimate import Estimate
 from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.estimation.loop import Loop
@@ -19,16 +15,6 @@ from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, 
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import ACTION_SIZE, FORCE, THRUST, TORQUE
-
-
-class ControlLaw(Protocol):
-    """Thrust and torques as a function of the estimates."""
-
-    def initial_memory(self, rows: int) -> Any:
-        """Return the memory at the start of an episode: an array of `rows` rows or a tuple of such arrays."""
-
-    def command(self, estimate: Estimate, memory: Any) -> tuple[Floats, Any]:
-        """Return thrust (N) and torques (N·m), shape (n, 4), before saturation, and the memory of the law."""
 
 
 class OutputFeedbackMemory(NamedTuple):
@@ -49,16 +35,15 @@ class OutputFeedback(Controller):
 
     def __init__(
         self,
-        make_law: Callable[[Any, Simulation], ControlLaw],
+        make_law: Callable[[Any, Simulation], Law],
         gains: Any,
         simulation: Simulation | None = None,
         loop: Loop | None = None,
     ) -> None:
         super().__init__(gains, simulation, loop)
         self.make_law, self._law = make_law, make_law(self.gains, self.simulation)
-        self.has_linear_model = not isinstance(self._law, Nmpc)
+        self.has_linear_model, self.flies_load = self._law.has_linear_model, self._law.flies_load
         self.estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
-        self.flies_load = isinstance(self._law, Flatness | Lqr | DualMode)  # those that were tested with a load
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "OutputFeedback":
         """Return the same controller, designed for another nominal simulation and loop."""
@@ -91,7 +76,7 @@ class OutputFeedback(Controller):
         nominal = self._nominal(estimate)
         command, law_memory = self._law.command(nominal, estimation.law_memory)
         mass_ratio = estimate.mass_ratio[:, 0]
-        if isinstance(self._law, Lqg | Nmpc):  # their commands are actions, of which a zero thrust is that of hover
+        if self._law.commands_actions:
             command[:, THRUST] = mass_ratio * (1.0 + command[:, THRUST]) - 1.0
             wanted = np.clip(command, -1.0, 1.0).astype(np.float32)
         else:

@@ -29,25 +29,26 @@ from dataclasses import replace
 from enum import IntEnum
 from functools import lru_cache
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from quadpend_baselines.controllers import lqr
 from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.flatness import Flatness
+from quadpend_baselines.controllers.lqr import LqrGains
 from quadpend_baselines.controllers.output_feedback import OutputFeedback, OutputFeedbackMemory
 from quadpend_baselines.controllers.swing_up_plans import PLANS
-from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.estimation.estimate import Estimate
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.measurement import measurement_from_observation
-from quadpend_baselines.gains import SwingUpGains
+from quadpend_baselines.gains import Angle, Bandwidth, Damping, NotNegative, Positive, Scale, gains_for
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, jacobian, limit_norm, rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
+from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
@@ -66,6 +67,26 @@ from quadpend_gym.tasks.observation import FULL
 _AT_REST = (0.15, 1.0, 0.5, 0.3, 0.15, 0.5)
 _UPRIGHT = 0.95  # vertical component of the thrust axis from which on the thrust has its full size
 _LEAST_VERTICAL = 0.3  # lower bound of the vertical component of the thrust axis, and of the lift in units of g
+
+
+@settings
+class SwingUpGains:
+    """Gains of `controllers.swing_up`, and the limits of the region in which the balancing controller takes over."""
+
+    damp: Annotated[Positive, Scale(-1)] = 0.336  # q, m/s, of damping the swing
+    lead: Annotated[NotNegative, Scale(-1)] = 0.0521  # τ, s
+    position: Annotated[NotNegative, Scale(2)] = 2.65  # k, 1/s²
+    velocity: Annotated[NotNegative, Scale(1)] = 4.5  # d, 1/s
+    lean: Angle = 0.596  # λ_max
+    attitude_bandwidth: Bandwidth = 15.0  # of roll and pitch while damping
+    vertical_bandwidth: Bandwidth = 3.61  # of height and yaw while damping
+    damping: Damping = 0.892  # of both
+    # Of the time-varying regulator; set by hand
+    regulator: LqrGains = LqrGains(position=0.2, velocity=1.0, angle=1.4, angle_rate=4.0)
+    catch: Positive = 0.347  # c
+    catch_height: Annotated[float, Range(-1.0, 1.0)] = 0.745  # r_z
+    lost_height: Annotated[float, Range(-1.0, 1.0)] = 0.4  # r_z; set by hand
+    rest_scale: Positive = 1.02  # factor on the limits of "almost at rest" in `controllers.swing_up`
 
 
 class Phase(IntEnum):
@@ -201,7 +222,8 @@ def tracked_plan(gains: SwingUpGains, simulation: Simulation) -> TrackedPlan:
 def _plan(simulation: Simulation) -> tuple[Floats, Floats]:
     """Return x_k and a_k of the plan for a vehicle."""
     for path, planned in PLANS.items():
-        if simulation == replace(planned, substeps=simulation.substeps, latency=simulation.latency):
+        alike = replace(planned, vehicle=simulation.vehicle, substeps=simulation.substeps, latency=simulation.latency)
+        if simulation.vehicle.is_like(planned.vehicle) and simulation == alike:
             numbers = np.loadtxt(path, delimiter=",", skiprows=1)
             return numbers[:, :STATE_SIZE], numbers[:-1, STATE_SIZE:]
     if find_spec("casadi") is None:

@@ -9,7 +9,7 @@ With the states x_k and the actions a_k of N control steps:
 The flight stays in the plane of the body's x axis: roll, yaw and the y components are zero. f is one control step of
 the environment in calm air, with rotors that follow at once; a rate loop is a first-order lag. a_max < 1 and θ_max
 leave room for the feedback. N, κ and the first guess for a rigid vehicle are those of the paper's vehicle, scaled by
-the rate √K and the length g/K of its pendulum, see `controllers.vehicle_gains`.
+the rate √K and the length g/K of its pendulum, see `quadpend_baselines.gains`.
 
 ``python -m quadpend_baselines.controllers.swing_up_planner`` computes the plans of the package again and writes their
 files.

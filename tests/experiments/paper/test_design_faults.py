@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadpend_baselines.estimation.observers import characteristic_polynomial
-from quadpend_baselines.gains import ADRC_GAINS
+from quadpend_baselines.gains import tuning
 from quadpend_gym.vehicles import PAPER
 from tests.helpers.symbolic import (
     FORCE_ON_BOB,
@@ -23,7 +23,7 @@ from tests.helpers.symbolic import (
     x,
 )
 
-GAINS = ADRC_GAINS["paper"]
+GAINS = tuning("adrc-paper").gains
 PER_NEWTON = PAPER.gravity / (PAPER.quadrotor_mass * PAPER.rod_length)  # g/(M l): F⁽⁴⁾ per newton on the quadrotor
 _SLOW = [GAINS.horizontal_bandwidth**2, 2.0 * GAINS.damping * GAINS.horizontal_bandwidth, 1.0]
 FEEDBACK = np.polynomial.polynomial.polypow(_SLOW, 3)[:-1]  # k₀ … k₅

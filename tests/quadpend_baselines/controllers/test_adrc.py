@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from quadpend_baselines import ADRC, ADRC_GAINS, AdrcGains, ObserverGains
+from quadpend_baselines import CONTROLLERS, controller
+from quadpend_baselines.controllers.adrc import ADRC, AdrcGains
 from quadpend_baselines.estimation.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
+from quadpend_baselines.gains import ObserverGains, tuning
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym import (
     PAPER,
@@ -51,9 +53,9 @@ def settled_rmse(policy: ADRC, wind: Any, reference: Any = None) -> tuple[float,
     return float(np.sqrt(squares[0] + squares[1])), float(np.sqrt(squares[2]))
 
 
-@pytest.mark.parametrize("gains", ADRC_GAINS)
-def test_adrc_tracks_circles_in_calm_air(gains: str) -> None:
-    horizontal, vertical = settled_rmse(ADRC(gains), None, Reference.circle(1.0, 0.6))
+@pytest.mark.parametrize("name", [name for name in CONTROLLERS if name.startswith("adrc")])
+def test_adrc_tracks_circles_in_calm_air(name: str) -> None:
+    horizontal, vertical = settled_rmse(controller(name), None, Reference.circle(1.0, 0.6))
     assert horizontal < 1e-4
     assert vertical < 1e-6
 
@@ -61,17 +63,17 @@ def test_adrc_tracks_circles_in_calm_air(gains: str) -> None:
 def test_paper_gains_have_the_predicted_offset_in_wind_and_matched_gains_have_none() -> None:
     force = 0.1
     wind = Constant((force, 0.0, 0.0))
-    paper, _ = settled_rmse(ADRC("paper"), wind, Reference.hover())
-    matched, _ = settled_rmse(ADRC("matched"), wind, Reference.hover())
-    assert paper == pytest.approx(force * predicted_offset(ADRC_GAINS["paper"], Simulation()), rel=0.01)
+    paper, _ = settled_rmse(controller("adrc-paper"), wind, Reference.hover())
+    matched, _ = settled_rmse(controller("adrc-matched"), wind, Reference.hover())
+    assert paper == pytest.approx(force * predicted_offset(tuning("adrc-paper").gains, Simulation()), rel=0.01)
     assert 0.35 < paper / force < 0.4
     assert matched < 1e-5
 
 
 def test_rmse_in_fluctuating_wind_is_as_documented() -> None:
     """The force has a standard deviation of 0.15 N."""
-    assert settled_rmse(ADRC("paper"), OrnsteinUhlenbeck(0.15))[0] < 0.08
-    assert settled_rmse(ADRC("matched"), OrnsteinUhlenbeck(0.15))[0] < 0.003
+    assert settled_rmse(controller("adrc-paper"), OrnsteinUhlenbeck(0.15))[0] < 0.08
+    assert settled_rmse(controller("adrc-matched"), OrnsteinUhlenbeck(0.15))[0] < 0.003
 
 
 def test_30_percent_of_false_inertia_does_not_make_the_matched_law_fall() -> None:
@@ -80,7 +82,7 @@ def test_30_percent_of_false_inertia_does_not_make_the_matched_law_fall() -> Non
     vehicle = simulation_of(PAPER._replace(**inertia)).vehicle
     env = QuadPendulumVectorEnv(4, vehicle=vehicle, wind=Constant((0.1, 0.0, 0.0)))
     observation, _ = env.reset(seed=0, options={"reference": Reference.hover()})
-    policy, memory = ADRC("matched"), None
+    policy, memory = controller("adrc-matched"), None
     for _ in range(500):
         action, memory = policy.predict(observation, memory)
         observation, _, terminated, _, info = env.step(action)

@@ -1,5 +1,6 @@
 """Properties of every controller: flights, `predict` protocol, independent rows, memory, rotational symmetry."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,11 +8,10 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 
-from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.controllers.vehicle_gains import scale_gains
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines import CONTROLLERS
+from quadpend_baselines.controllers.law import Law
+from quadpend_baselines.gains import gains_for, law_of, scale_gains, tuning
 from quadpend_baselines.policy.protocol import to_action, to_command
-from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import PAPER, Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.plants import plant_of
@@ -21,7 +21,7 @@ from quadpend_gym.vehicles import hover_wrench
 from tests.helpers.controllers import controller_parameters, quick_controller, rotate_states, rotate_vectors
 
 every_controller = pytest.mark.parametrize("name", controller_parameters())
-WITH_ESTIMATOR = [name for name, make in CONTROLLER_FACTORIES.items() if getattr(make, "func", None) is OutputFeedback]
+WITH_ESTIMATOR = [name for name in CONTROLLERS if issubclass(law_of(name), Law)]
 WIND = OrnsteinUhlenbeck(force=0.1, bob_force=0.01, torque=0.01)
 RIGID = ("wrench", "rotors", "body_rates")
 FLIGHTS = {
@@ -143,11 +143,18 @@ def test_actions_make_the_demanded_mean_thrust_and_torques(interface: str) -> No
     assert_allclose(to_command(action, simulation, rigid), command, rtol=0.02, atol=2e-4)
 
 
+@pytest.mark.parametrize("name", ["lqg", "flatness", "swing-up"])
+def test_the_name_of_a_vehicle_does_not_change_its_controller(name: str) -> None:
+    simulation = Simulation(vehicle="hummingbird", interface="body_rates")
+    renamed = replace(simulation, vehicle=replace(simulation.vehicle, name="mine"))
+    assert gains_for(name, renamed) == gains_for(name, simulation)
+
+
 def test_gains_scale_with_the_time_constant_of_the_pendulum() -> None:
     p = PAPER
     slow = p._replace(rod_length=4.0 * p.rod_length)
     assert slow.chain_stiffness == pytest.approx(p.chain_stiffness / 4.0)
-    flatness, lqr = (scale_gains(GAINS[name], p, slow) for name in ("flatness", "lqr"))
-    assert flatness.attitude_bandwidth == pytest.approx(0.5 * GAINS["flatness"].attitude_bandwidth)
-    assert flatness.damping == GAINS["flatness"].damping
-    assert lqr.position == pytest.approx(4.0 * GAINS["lqr"].position)
+    flatness, lqr = (scale_gains(tuning(name).gains, p, slow) for name in ("flatness", "lqr"))
+    assert flatness.attitude_bandwidth == pytest.approx(0.5 * tuning("flatness").gains.attitude_bandwidth)
+    assert flatness.damping == tuning("flatness").gains.damping
+    assert lqr.position == pytest.approx(4.0 * tuning("lqr").gains.position)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_baselines.controllers.dual_mode import DualMode
+from quadpend_baselines.controllers.dual_mode import DualMode, DualModeGains
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import deviation, riccati
 from quadpend_baselines.estimation.estimate import Estimate, law_inputs
-from quadpend_baselines.gains import GAINS, DualModeGains
+from quadpend_baselines.gains import tuning
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import model_state
 from quadpend_gym import Reference, Simulation
@@ -26,7 +26,7 @@ from tests.helpers.controllers import (
     true_estimate,
 )
 
-TUNED: DualModeGains = GAINS["dual-mode"]
+TUNED: DualModeGains = tuning("dual-mode").gains
 SIMULATION = Simulation()
 WIND = disturbance_of(force=(0.3, -0.2, 0.1), bob_force=(0.01, 0.0, 0.0), torque=(0.05, -0.02, 0.01))
 ALWAYS_NEAR = replace(TUNED, near_error=1e8, far_error=1e9, near_tilt=10.0, far_tilt=11.0)

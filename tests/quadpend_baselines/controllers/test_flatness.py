@@ -7,10 +7,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 
-from quadpend_baselines.controllers.flatness import Flatness
+from quadpend_baselines.controllers.flatness import Flatness, FlatnessGains
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.estimate import Estimate
-from quadpend_baselines.gains import FlatnessGains
 from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE, STATE_COLUMNS
 from quadpend_gym import PAPER, Constant, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats

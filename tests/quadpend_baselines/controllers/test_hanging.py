@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.controller import mirror_simulation
 from quadpend_baselines.controllers.lqr import riccati
-from quadpend_baselines.gains import HANGING_GAINS
+from quadpend_baselines.gains import tuning
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise
 from quadpend_gym import Reference, Simulation, State
 from quadpend_gym.physics.euler_kernel import advance
@@ -47,7 +47,7 @@ def test_the_swing_of_the_load_decays_as_the_linear_theory_says() -> None:
         states.append(env.unwrapped.state.array.copy())  # type: ignore[attr-defined]
     mirrored = mirror_simulation(Simulation())
     A, B, _ = linearise(mirrored)
-    gain, _ = riccati(HANGING_GAINS["lqr"], mirrored)
+    gain, _ = riccati(tuning("lqr", "hanging").gains, mirrored)
     x = np.array(states)
     x[:, 2] -= 2.0
     x[:, 12:] *= -1.0

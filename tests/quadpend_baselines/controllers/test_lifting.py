@@ -11,8 +11,8 @@ from quadpend_baselines.controllers.dual_mode import unpack_gains as unpack_dual
 from quadpend_baselines.controllers.flatness import Flatness, flatness, unpack_gains
 from quadpend_baselines.controllers.lqr import Lqr, lqr
 from quadpend_baselines.controllers.lqr import unpack_numbers as unpack_lqr
-from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.estimation.estimate import LOOP, Estimate
+from quadpend_baselines.gains import gains_for
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.quantities import Derivatives, Forces, VehicleState
 from quadpend_gym import Simulation

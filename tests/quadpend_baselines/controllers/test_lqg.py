@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqg import Lqg, riccati
-from quadpend_baselines.controllers.vehicle_gains import gains_for
+from quadpend_baselines.gains import gains_for
 from quadpend_baselines.modelling.linear_model import EULER, linearise_actions
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import Simulation

@@ -5,10 +5,10 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 
-from quadpend_baselines.controllers.lqr import Lqr, model, output_matrix, riccati, weights
+from quadpend_baselines.controllers.lqr import Lqr, LqrGains, model, output_matrix, riccati, weights
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.estimate import Estimate
-from quadpend_baselines.gains import GAINS, LqrGains
+from quadpend_baselines.gains import tuning
 from quadpend_baselines.modelling.linear_model import (
     DISTURBANCE_COLUMNS,
     MODEL_STATE_SIZE,
@@ -31,7 +31,7 @@ PLAIN, INTEGRAL = LqrGains(), LqrGains(integral=0.5)
 WIND = disturbance_of((0.1, -0.05, 0.08), (0.02, 0.01, 0.0), (0.05, -0.03, 0.02))
 
 
-@pytest.mark.parametrize("gains", [PLAIN, INTEGRAL, GAINS["lqi"]], ids=["plain", "integral", "lqi"])
+@pytest.mark.parametrize("gains", [PLAIN, INTEGRAL, tuning("lqi").gains], ids=["plain", "integral", "lqi"])
 def test_cost_matrix_solves_the_riccati_equation(gains: LqrGains) -> None:
     """P = Q + Kᵀ R K + (A − B K)ᵀ P (A − B K), and K minimises the right side."""
     simulation = simulation_of(UNEQUAL)
@@ -103,4 +103,4 @@ def test_offset_of_lqr_in_steady_wind_is_that_of_the_linear_model() -> None:
 
 
 def test_lqi_has_no_offset_in_steady_wind() -> None:
-    assert_allclose(settled(OutputFeedback(Lqr, GAINS["lqi"]), WIND), 0.0, atol=1e-5)
+    assert_allclose(settled(OutputFeedback(Lqr, tuning("lqi").gains), WIND), 0.0, atol=1e-5)

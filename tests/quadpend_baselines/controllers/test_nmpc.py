@@ -10,8 +10,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
-from quadpend_baselines.controllers.nmpc import Nmpc
-from quadpend_baselines.gains import LqrGains, NmpcGains
+from quadpend_baselines.controllers.lqr import LqrGains
+from quadpend_baselines.controllers.nmpc import Nmpc, NmpcGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_gym import PAPER, Simulation
 from quadpend_gym.core.arrays import Floats
@@ -87,6 +87,13 @@ def test_after_a_failure_the_law_continues_its_plan_and_then_the_reference(monke
     assert_array_equal(memory.failures, 5)
     assert_allclose(actions[0], plan[0] + 0.25 * (plan[1] - plan[0]), atol=1e-12)
     assert_allclose(actions[-1], 0.0, atol=1e-6)
+
+
+def test_the_plan_of_a_row_does_not_depend_on_the_other_rows() -> None:
+    """One row converges at once, the other one after several steps."""
+    law, calm, tilted = Nmpc(replace(SMALL, iterations=5), Simulation()), *map(tilted_pendulum, (0.0, 0.35), (0.0, 0.4))
+    together, _ = run_law(law, np.vstack([calm, tilted]))
+    assert_array_equal(together, np.vstack([run_law(law, state)[0] for state in (calm, tilted)]))
 
 
 @pytest.mark.parametrize("interface", ["body_rates", "wrench", "rotors"])

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.swing_up import tracked_plan
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines.gains import tuning
 from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation, State
 from quadpend_gym.physics.euler_kernel import advance
@@ -17,7 +17,7 @@ from quadpend_train.evaluation.measures import settling_times
 
 
 def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> None:
-    states, actions, _ = tracked_plan(GAINS["swing-up"], Simulation())
+    states, actions, _ = tracked_plan(tuning("swing-up").gains, Simulation())
     simulation = Simulation()
     assert_allclose(State(states[0]).direction, (0.0, 0.0, -1.0), atol=1e-6)
     assert_allclose(State(states[-1]).direction, (0.0, 0.0, 1.0), atol=1e-6)

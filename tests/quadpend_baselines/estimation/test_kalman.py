@@ -9,13 +9,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import solve_discrete_are
 
-from quadpend_baselines.controllers.flatness import Flatness
+from quadpend_baselines.controllers.flatness import Flatness, FlatnessGains
 from quadpend_baselines.estimation import estimate
 from quadpend_baselines.estimation.estimate import Estimate
 from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.measurement import measurement_from_observation, observation_of
-from quadpend_baselines.gains import GAINS, EstimatorGains, FlatnessGains
+from quadpend_baselines.gains import EstimatorGains, tuning
 from quadpend_baselines.modelling.linear_model import (
     DISTURBANCE_COLUMNS,
     EULER_RATE,
@@ -45,7 +45,7 @@ from tests.helpers.physics import UNEQUAL
 
 # Gains with a short memory, below one second, and those of the controllers.
 FAST = EstimatorGains(noise=1e-3, rate_noise=1e-2, force_walk=2.0, bob_force_walk=0.5, torque_walk=0.5)
-ALL_GAINS = {"fast": FAST} | {name: GAINS[name].estimator for name in ("lqr", "flatness")}
+ALL_GAINS = {"fast": FAST} | {name: tuning(name).gains.estimator for name in ("lqr", "flatness")}
 every_gain = pytest.mark.parametrize("gains", ALL_GAINS.values(), ids=ALL_GAINS.keys())
 every_measurement = pytest.mark.parametrize("has_rates", [True, False], ids=["all states", "outputs"])
 CIRCLE = Reference(
@@ -201,7 +201,7 @@ def test_wind_is_estimated_while_the_pendulum_hangs(angle: float) -> None:
     env = gym.make_vec("quadpend_gym:QuadPendulum-v0", 2, scenario=SCENARIOS["swing_up"], wind=Constant(force=force))
     state = {"direction": (np.sin(angle), 0.0, np.cos(angle)), "position": (0.0, 0.0, 3.0)}
     observation, _ = env.reset(seed=1, options={"state": state})
-    observer = Estimator(GAINS["lqr"].estimator, Simulation())
+    observer = Estimator(tuning("lqr").gains.estimator, Simulation())
     found = observer.observe(observation)
     for _ in range(30):
         observation, *_ = env.step(np.zeros((2, 4), np.float32))

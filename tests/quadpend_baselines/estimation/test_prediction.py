@@ -12,7 +12,7 @@ from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.prediction import Prediction
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines.gains import tuning
 from quadpend_gym import PAPER, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Booleans, Floats
@@ -101,7 +101,7 @@ def test_prediction_keeps_a_delayed_loop_stable(predicts: bool) -> None:
 def test_lasting_vertical_force_is_attributed_to_the_mass(mass_time: float) -> None:
     """The quadrotor and the bob have 1.3 times their nominal masses."""
     masses = {name: (1.3 * getattr(PAPER, name),) * 2 for name in ("quadrotor_mass", "bob_mass")}
-    gains = GAINS["flatness"]
+    gains = tuning("flatness").gains
     policy = OutputFeedback(Flatness, replace(gains, estimator=replace(gains.estimator, mass_time=mass_time)))
     last = fly(policy, Simulation(), 200, parameters=masses).memories[-1]
     assert_allclose(last.estimate.mass_ratio, 1.3 if mass_time else 1.0, rtol=5e-3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadpend_baselines import controller
-from quadpend_baselines.registry import CONTROLLER_FACTORIES
+from quadpend_baselines.registry import controller_of
 from quadpend_gym import Reference
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.task import Task
@@ -16,7 +16,7 @@ pytest.importorskip("control", reason="control is not installed: pip install 'qu
 
 import control
 
-from quadpend_baselines.gains import RIGID_GAINS
+from quadpend_baselines.gains import tuning
 from quadpend_baselines.modelling.linear_loop import close_loop, linear_policy, margins, vehicle_model
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS
 from quadpend_train.evaluation.linear_models import loop_margins
@@ -36,7 +36,7 @@ def test_margins_of_a_double_integrator() -> None:
 def test_delay_margin_is_that_of_a_search_in_time() -> None:
     """A start 1 mm off decays with half a millisecond, a substep, less than the margin, and grows with as much more."""
     scenario = Scenario(task=Task(limits=NO_LIMITS), vehicle="hummingbird", substeps=20, duration=60.0)
-    policy = CONTROLLER_FACTORIES["lqi"](RIGID_GAINS["lqi"][0], scenario.simulation).adapt(scenario)
+    policy = controller_of("lqi", tuning("lqi", "rigid").gains, scenario.simulation).adapt(scenario)
     substep = scenario.period / scenario.substeps
     margin = margins(vehicle_model(scenario), linear_policy(policy, scenario)).delay
     growth = []

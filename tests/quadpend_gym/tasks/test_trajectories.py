@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import BPoly
 
-from quadpend_gym import PAPER, Simulation, Sinusoids, Waypoints
+from quadpend_gym import PAPER, Reference, Simulation, Sinusoids, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.feasibility import check_feasible, demand, turning
 from quadpend_gym.tasks.minimum_snap import _COST
@@ -115,8 +115,9 @@ def circle(acceleration: float) -> Sinusoids:
 
 
 def test_a_trajectory_beyond_the_thrust_is_refused_with_time_and_number() -> None:
-    with pytest.raises(ValueError, match=r"needs a thrust of 18.0\d N at \d+\.\d\d s, but the largest is 13.72 N"):
-        check_feasible(circle(20.0), Simulation())
+    for item in (circle(20.0), Reference.circle(1.0, np.sqrt(20.0))):
+        with pytest.raises(ValueError, match=r"needs a thrust of 18.0\d N at \d+\.\d\d s, but the largest is 13.72 N"):
+            check_feasible(item, Simulation())
     drop = Waypoints((0, 0.9), ((0, 0, 4), (0, 0, 1)))
     with pytest.raises(ValueError, match=r"needs a pendulum tilt of 180.0° at 0.\d\d s, where it must be below 90°"):
         check_feasible(drop, Simulation())

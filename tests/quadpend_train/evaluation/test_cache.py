@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadpend_baselines import ADRC
+from quadpend_baselines import controller
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation import jobs
@@ -70,8 +70,10 @@ def test_everything_that_determines_a_result_is_in_the_name_of_its_file(
 
 
 def test_results_do_not_depend_on_the_number_of_processes(tmp_path: Path) -> None:
-    alone = compare({**BOTH, "mine": [ADRC()]}, SCENARIOS, 6)
-    assert_same(alone, compare({**BOTH, "mine": [ADRC()]}, SCENARIOS, 6, cache_folder=tmp_path, jobs=2))
+    alone = compare({**BOTH, "mine": [controller("adrc-paper")]}, SCENARIOS, 6)
+    assert_same(
+        alone, compare({**BOTH, "mine": [controller("adrc-paper")]}, SCENARIOS, 6, cache_folder=tmp_path, jobs=2)
+    )
     assert len(list(tmp_path.iterdir())) == 4
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from quadpend_baselines import ADRC, controller
+from quadpend_baselines import controller
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
@@ -19,11 +19,14 @@ from tests.helpers.scenarios import short
 
 def test_every_policy_runs_through_the_same_episodes() -> None:
     windy = short("windy", 3.0)
-    first, again = run_episodes([ADRC()], windy, 5), run_episodes([ADRC()], windy, 5)
+    first, again = (
+        run_episodes([controller("adrc-paper")], windy, 5),
+        run_episodes([controller("adrc-paper")], windy, 5),
+    )
     np.testing.assert_array_equal(first.error, again.error)
-    other = run_episodes([ADRC("matched")], windy, 5)
+    other = run_episodes([controller("adrc-matched")], windy, 5)
     np.testing.assert_allclose(first.error[..., 0], other.error[..., 0], atol=1e-3)
-    fewer = run_episodes([ADRC()], windy, 3)
+    fewer = run_episodes([controller("adrc-paper")], windy, 3)
     np.testing.assert_array_equal(first.error[:, :3], fewer.error)
 
 
@@ -54,7 +57,7 @@ def test_a_fall_counts_as_one_metre_in_the_penalised_rmse_and_not_in_that_of_sur
 
 
 def test_metrics_agree_with_the_errors_of_the_steps() -> None:
-    results = run_episodes([ADRC()], "storm", 20)
+    results = run_episodes([controller("adrc-paper")], "storm", 20)
     assert 0 < results.survived.sum() < 20
     assert results.error.dtype == np.float32
     np.testing.assert_array_equal((~np.isnan(results.error)).sum(axis=-1), results.steps)
@@ -66,7 +69,7 @@ def test_metrics_agree_with_the_errors_of_the_steps() -> None:
 
 def test_errors_count_after_the_unscored_beginning_and_falls_always() -> None:
     scored = short("windy", 3.0)
-    results, other = (run_episodes([ADRC()], replace(scored, unscored=s), 5) for s in (1.0, 0.0))
+    results, other = (run_episodes([controller("adrc-paper")], replace(scored, unscored=s), 5) for s in (1.0, 0.0))
     np.testing.assert_array_equal(results.error, other.error)
     np.testing.assert_allclose(results.rmse, np.sqrt(np.mean(results.error[..., 100:] ** 2, axis=-1)), rtol=1e-5)
     np.testing.assert_allclose(results.settled_rmse, results.rmse)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from quadpend_baselines import ADRC
+from quadpend_baselines import controller
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.statistics import (
     Interval,
@@ -47,8 +47,8 @@ def test_the_interval_of_a_learner_accounts_for_the_variance_of_its_training_see
     one, five = mean(seeds[:1]), mean(seeds)
     assert one.high - one.low < 0.0015
     assert five.high - five.low > 0.005
-    learner = run_episodes([ADRC("paper"), ADRC("matched")], "windy", 4)
-    np.testing.assert_array_equal(learner.error[1:], run_episodes([ADRC("matched")], "windy", 4).error)
+    learner = run_episodes([controller("adrc-paper"), controller("adrc-matched")], "windy", 4)
+    np.testing.assert_array_equal(learner.error[1:], run_episodes([controller("adrc-matched")], "windy", 4).error)
 
 
 def test_nan_values_are_left_out() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from quadpend_baselines import ADRC, Policy, controller
+from quadpend_baselines import Policy, controller
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_gym import OBSERVATION_FIELDS
 from quadpend_gym.actuators import ActionDelay, MotorLag
@@ -41,7 +41,7 @@ class Recording(Policy):
     """ADRC that needs the full observation, like a learned policy, and records its observations."""
 
     def __init__(self) -> None:
-        self.adrc, self.observed = ADRC("matched"), [np.zeros((0, 36), np.float32)]
+        self.adrc, self.observed = controller("adrc-matched"), [np.zeros((0, 36), np.float32)]
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from quadpend_baselines import ADRC
+from quadpend_baselines import controller
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.reports.html_page import write
@@ -47,7 +47,7 @@ class Checker(HTMLParser):
 
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
-    policies = {"adrc-paper": [ADRC("paper")], NASTY: [ADRC("matched")]}
+    policies = {"adrc-paper": [controller("adrc-paper")], NASTY: [controller("adrc-matched")]}
     windy = json.dumps({"description": NASTY, "wind": "windy", "period": 0.005, "duration": 0.5})
     return compare(policies, {"calm": Scenario(duration=1.0), NASTY: windy}, 4)
 

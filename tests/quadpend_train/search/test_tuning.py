@@ -11,8 +11,7 @@ import pytest
 
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
-from quadpend_baselines.controllers.vehicle_gains import gains_for
-from quadpend_baselines.gains import HANGING_TUNED, TUNED
+from quadpend_baselines.gains import gains_for, tuned
 from quadpend_gym import Simulation
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
@@ -87,14 +86,14 @@ def test_searches_that_make_no_sense_are_refused(name: str, scenarios: tuple[str
         tuning.Search(name, scenarios)
 
 
-@pytest.mark.parametrize("name", TUNED)
+@pytest.mark.parametrize("name", tuned())
 def test_the_score_beside_the_gains_can_be_reproduced(name: str) -> None:
-    scores = [rmse for _, rmse in tuning.score(controller(name), scenarios=TUNED[name].scenarios).values()]
-    assert np.mean(scores) == pytest.approx(TUNED[name].score, abs=0.5)
+    scores = [rmse for _, rmse in tuning.score(controller(name), scenarios=tuned()[name].scenarios).values()]
+    assert np.mean(scores) == pytest.approx(tuned()[name].score, abs=0.5)
 
 
-@pytest.mark.parametrize("name", HANGING_TUNED)
+@pytest.mark.parametrize("name", tuned("hanging"))
 def test_the_score_of_a_hanging_pendulum_can_be_reproduced(name: str) -> None:
     policy = Hanging(controller(name, mirror_simulation(Simulation())))
-    scores = [rmse for _, rmse in tuning.score(policy, scenarios=HANGING_TUNED[name].scenarios).values()]
-    assert np.mean(scores) == pytest.approx(HANGING_TUNED[name].score, abs=0.5)
+    scores = [rmse for _, rmse in tuning.score(policy, scenarios=tuned("hanging")[name].scenarios).values()]
+    assert np.mean(scores) == pytest.approx(tuned("hanging")[name].score, abs=0.5)

@@ -9,8 +9,7 @@ from typing import Any
 import tyro
 
 from quadpend_baselines import CONTROLLERS
-from quadpend_baselines.controllers.vehicle_gains import gains_for
-from quadpend_baselines.gains import DESCRIPTIONS, TUNED
+from quadpend_baselines.gains import DESCRIPTIONS, gains_for, tuned
 from quadpend_gym import Simulation
 from quadpend_gym.core.nested import flat
 from quadpend_gym.tasks.observation import PRESETS
@@ -45,9 +44,9 @@ def _controller(name: str) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the data and the lines about a classical controller."""
     data: dict[str, Any] = {"description": DESCRIPTIONS[name], "gains": asdict(gains_for(name, Simulation()))}
     lines = {"description": DESCRIPTIONS[name], "gains": _pairs(flat(data["gains"]))}
-    if tuned := TUNED.get(name):
-        data["tuning"] = tuned._asdict()
-        lines["tuned"] = f"{tuned.command}: penalised RMSE {tuned.score:g} mm in the training scenarios"
+    if search := tuned().get(name):
+        data["tuning"] = search._asdict()
+        lines["tuned"] = f"{search.command}: penalised RMSE {search.score:g} mm in the training scenarios"
     return data, lines
 
 

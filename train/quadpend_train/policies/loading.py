@@ -7,7 +7,8 @@ import numpy as np
 from gymnasium import logger
 from gymnasium.vector import AutoresetMode
 
-from quadpend_baselines import CONTROLLERS, Policy, controller
+from quadpend_baselines import CONTROLLERS, Policy
+from quadpend_baselines.registry import controller_from_text, gains_file
 from quadpend_gym.core.factories import describe_error, is_factory, split_text
 from quadpend_gym.core.settings import suggest
 from quadpend_gym.scenarios import Scenario
@@ -39,7 +40,8 @@ def load_policy(name: str) -> Policy:
     Args:
         name: One of
 
-            - the name of a classical controller, a key of `quadpend_baselines.CONTROLLERS`;
+            - the name of a classical controller, one of `quadpend_baselines.CONTROLLERS`; ``"lqg:gains.json"`` has the
+              gains of a file, for example one of ``quadpend tune``, see `quadpend_baselines.registry`;
             - the name of a learned policy of this package, with its seed (``"apg-0"``);
             - ``"c:policy.c"``, a C file of ``quadpend export``, see `quadpend_train.policies.compiled`. It is compiled
               and executed;
@@ -54,11 +56,13 @@ def load_policy(name: str) -> Policy:
         policy = CPolicy(name.removeprefix(C_PREFIX))
         policy.fingerprint = hashlib.sha256(policy.source.encode()).hexdigest()
         return policy
+    if name in CONTROLLERS or gains_file(name):
+        policy = controller_from_text(name)
+        policy.fingerprint = policy_fingerprint(name)
+        return policy
     if is_factory(name):
         return FactoryPolicy(name)
-    if name in CONTROLLERS:
-        policy = controller(name)
-    elif (path := policy_file(name)).suffix == ".zip":
+    if (path := policy_file(name)).suffix == ".zip":
         from quadpend_train.policies.export import from_zip
 
         policy = from_zip(path, None, policy_from_model)
@@ -77,6 +81,8 @@ def policy_fingerprint(name: str) -> str:
     """Return a text that differs for different policies: a controller's name, or the hash of a file."""
     if name in CONTROLLERS:
         return name
+    if (gains := gains_file(name)) is not None:
+        return f"{name.partition(':')[0]} {hashlib.sha256(gains.read_bytes()).hexdigest()}"
     path = policy_file(name)
     files = [path, *(statistics_files(path) if path.suffix == ".zip" else [])]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()

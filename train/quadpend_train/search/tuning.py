@@ -27,11 +27,10 @@ from optuna.distributions import FloatDistribution
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
-from quadpend_baselines.controllers.vehicle_gains import gains_for, scale_gains
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines.gains import gains_for, scale_gains, tuning
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.policy.rollout import rollout
-from quadpend_baselines.registry import CONTROLLER_FACTORIES
+from quadpend_baselines.registry import controller_of
 from quadpend_gym import Simulation
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.nested import changed, flat
@@ -100,7 +99,7 @@ class Search:
 
     def policy(self, gains: dict[str, float]) -> Policy:
         """Return the controller with other gains, which does not know the delays and lags of the scenarios."""
-        policy = CONTROLLER_FACTORIES[self.name](changed(self.present, gains), self.designed)
+        policy = controller_of(self.name, changed(self.present, gains), self.designed)
         return Hanging(policy) if self.hangs else policy
 
     def loss(self, trial: optuna.Trial) -> float:
@@ -139,7 +138,7 @@ def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float
             f"there is no controller {name!r} to tune{suggest(name, spaces)}; there are {', '.join(spaces)}"
         )
     if spaces is SEARCH_SPACES:
-        own, given_for = gains_for(name, simulation), GAINS[name]
+        own, given_for = gains_for(name, simulation), tuning(name).gains
     else:
         hummingbird = Simulation(VEHICLES["hummingbird"])
         given_for = gains_for(name, hummingbird)
