@@ -76,7 +76,7 @@ def gusts(times: Floats) -> Floats:
 def simulate_sampled(period: float, duration: float = DURATION) -> Trajectory:
     """Simulate the sampled controller in the environment, with single-precision observations."""
     simulation = Simulation(period=period, substeps=max(1, round(2 * period / CONTROL_PERIOD)))
-    policy = ADRC("paper", simulation)
+    policy = ADRC(tuning("adrc-paper").gains, simulation)
     env = QuadPendulumEnv(period=period, substeps=simulation.substeps, duration=2.0 * duration, wind=GUSTS)
     observation, _ = env.reset(seed=SEED, options={"state": START, "reference": REFERENCE})
     every = round(RECORDING_PERIOD / period)

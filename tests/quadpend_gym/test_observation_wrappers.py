@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from stable_baselines3 import PPO
 
-from quadpend_baselines import ADRC
+from quadpend_baselines import controller
 from quadpend_gym import OBSERVATION_FIELDS, Reference, read_observation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
@@ -59,16 +59,16 @@ def test_states_that_differ_only_in_velocities_give_the_same_observation() -> No
     assert_array_equal(moving, still)
 
 
-@pytest.mark.parametrize("gains", ["paper", "matched"])
-def test_the_papers_controller_uses_no_velocities(gains: str) -> None:
+@pytest.mark.parametrize("name", ["adrc-paper", "adrc-matched"])
+def test_the_papers_controller_uses_no_velocities(name: str) -> None:
     """Its actions on 27 numbers equal those on 36."""
     layers = [("WindWrapper", "breeze"), ("sensors", NOISE)]
     whole, outputs = make_wrapped_vec(3, layers), make_wrapped_vec(3, [*layers, OUTPUTS])
-    controller, memories = ADRC(gains), [None, None]
+    policy, memories = controller(name), [None, None]
     observations = [whole.reset(seed=0)[0], outputs.reset(seed=0)[0]]
     for _ in range(100):
         actions: Any
-        actions, memories = zip(*map(controller.predict, observations, memories), strict=True)
+        actions, memories = zip(*map(policy.predict, observations, memories), strict=True)
         assert_array_equal(actions[0], actions[1])
         observations = [env.step(action)[0] for env, action in zip((whole, outputs), actions, strict=True)]
 
