@@ -102,8 +102,10 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     ## Arguments
     - `scenario`: a `quadpend_gym.Scenario`, its name (``"windy"``), a TOML file, or a mapping of its fields. The other
       arguments are its fields and replace those that are given, for example ``gym.make("QuadPendulum-v0",
-      scenario="gusts", vehicle="hummingbird", interface="body_rates")``. Another vehicle scales the forces of the
-      scenario's wind. The ids other than ``QuadPendulum-v0`` replace the scenario's task by their own.
+      scenario="gusts", vehicle="hummingbird", interface="body_rates")``. A mapping changes the fields that it names of
+      the scenario's own part: ``task={"reward": {"effort": 0.3}}`` keeps its references and starts, while a `Task`
+      replaces its task. Another vehicle scales the forces of the scenario's wind. The ids other than
+      ``QuadPendulum-v0`` replace the scenario's task by their own.
     - `task`, `wind`, `vehicle`, `interface`, `latency`, `sensors`, `actuators`, `parameters`, `loop`, `autopilot`,
       `period`, `substeps`, `duration`, `wind_rise`, `unscored`, `observation`: see `Scenario`. ``wind=None`` is no
       wind.

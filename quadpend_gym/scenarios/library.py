@@ -1,16 +1,22 @@
 """The scenarios of this package and their sets, and scenarios from names, files, JSON and the user's own code."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import field, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from gymnasium import logger
+
 from quadpend_gym.core.factories import call_factory, find_factory, is_factory, split_name, split_text
 from quadpend_gym.core.files import parse_mapping, read_mapping
 from quadpend_gym.core.models import to_plain_data
-from quadpend_gym.core.settings import parse, settings, suggest
-from quadpend_gym.scenarios.scenario import Scenario
+from quadpend_gym.core.settings import parse, plain, settings, suggest
+from quadpend_gym.randomization import RangesField
+from quadpend_gym.scenarios.scenario import Scenario, substeps_in
+from quadpend_gym.tasks.task import Task, TaskField
+from quadpend_gym.vehicles import CONTROL_PERIOD
+from quadpend_gym.vehicles.vehicle import VehicleField
 from quadpend_gym.wind import WindFromFactory
 
 __all__ = [
@@ -109,16 +115,55 @@ def find_scenario(name: str | Scenario) -> Scenario:
 def as_scenario(value: Any, **parts: Any) -> Scenario:
     """Return a scenario from itself, a text that `find_scenario` takes, a mapping of its fields, or None.
 
-    `parts` replace its fields. With another vehicle, the forces of its wind are scaled, see `Scenario.with_vehicle`.
+    `parts` replace its fields. A mapping without a ``kind`` changes the fields that it names of the scenario's own
+    part, such as its task. With another vehicle, the forces of its wind are scaled, see `Scenario.with_vehicle`. With
+    another period alone, its substeps are as long as before, or shorter.
     """
     if value is None or isinstance(value, Mapping):
-        return parse(Scenario, {**(value or {}), **parts}, "scenario")
+        given = value or {}
+        own = {name: _PARSED[name](part) if name in _PARSED else part for name, part in given.items()}
+        return parse(Scenario, {**given, **_merged_parts(own, parts)}, "scenario")
     scenario = find_scenario(value) if isinstance(value, str) else value
     if not isinstance(scenario, Scenario):
         raise ValueError(f"scenario must be a Scenario, its name or a mapping of its fields, not {value!r}")
+    parts = _merged_parts(vars(scenario), parts)
     if vehicle := {name: parts.pop(name) for name in ("vehicle", "interface") if name in parts}:
         scenario = scenario.with_vehicle(**vehicle)
     return replace(scenario, **parts)
+
+
+_PARSED = {"task": TaskField.function, "vehicle": VehicleField.function, "parameters": RangesField.function}
+
+
+def _merged_parts(own: Mapping[str, Any], parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parts that replace those of a scenario, whose `own` fields are given."""
+    merged = {name: _merged(own.get(name), part) for name, part in parts.items()}
+    period, substeps = plain(parts.get("period")), own.get("substeps")
+    if substeps and "substeps" not in parts and isinstance(period, int | float):
+        merged["substeps"] = max(substeps_in(period, own.get("period", CONTROL_PERIOD) / substeps), 1)
+    task, before, default = parts.get("task"), own.get("task"), Task()
+    if isinstance(task, Task) and isinstance(before, Task):
+        same = [item.name for item in fields(Task) if getattr(task, item.name) == getattr(default, item.name)]
+        if lost := [name for name in same if getattr(before, name) != getattr(default, name)]:
+            logger.warn(
+                "task, a whole Task, replaces %s of the scenario by those of 'track': give a mapping of the fields to"
+                " change, such as task={'reward': …}, to keep them",
+                " and ".join(lost),
+            )
+    return merged
+
+
+def _merged(own: Any, part: Any) -> Any:
+    """Return a part; if it is a mapping of fields of the scenario's `own` part, with that one's other fields."""
+    data = {item.name: getattr(own, item.name) for item in fields(own)} if is_dataclass(own) else own
+    if (
+        not isinstance(part, Mapping)
+        or not isinstance(data, Mapping)
+        or "kind" in part
+        or not data.keys() & part.keys()
+    ):
+        return part
+    return {**data, **{name: _merged(data.get(name), value) for name, value in part.items()}}
 
 
 def _scenarios(text: str) -> list[Scenario]:

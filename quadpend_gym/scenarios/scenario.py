@@ -22,23 +22,14 @@ from quadpend_gym.tasks.task import TASKS, Task, TaskField
 from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES, Simulation, Vehicle
 from quadpend_gym.vehicles.simulation import Interface
 from quadpend_gym.vehicles.vehicle import VehicleField
-from quadpend_gym.wind import PRESETS, Rescaled, as_wind
+from quadpend_gym.wind import as_wind
 from quadpend_gym.wind.base import WINDS
-from quadpend_gym.wind.steady import Rising
+from quadpend_gym.wind.steady import Factors, Relative, Rising, for_vehicle, rescaled
 
 __all__ = ["Scenario", "scenario_data"]
 
 
-def _named_or_models(wind: Any) -> tuple[Any, ...]:
-    """Return the names of presets in a wind as they are, and models in place of everything else."""
-    if isinstance(wind, str) and wind in PRESETS:
-        return () if PRESETS[wind] is None else (wind,)
-    if isinstance(wind, list | tuple):
-        return tuple(part for item in wind for part in _named_or_models(item))
-    return as_wind(wind)
-
-
-_WIND = WINDS.field(_named_or_models)
+_SUBSTEP = CONTROL_PERIOD / 2  # s, the longest one if `substeps` is None
 
 
 @settings
@@ -49,9 +40,9 @@ class Scenario:
     """
 
     task: Annotated[Task, TaskField] = field(default_factory=lambda: TASKS["track"])  # a mapping changes "track"
-    # a model, the name of a preset, a mapping with a ``kind``, "module:factory", or a sum or list of these; forces and
-    # torques of presets are scaled from the weight and the torque limits of the paper's vehicle to those of this one
-    wind: Annotated[Any, _WIND] = ()
+    # a model, the name of a preset, a mapping with a ``kind``, "module:factory", or a sum or list of these; presets are
+    # `Relative`: their forces and torques are scaled from the paper's vehicle to this one
+    wind: Annotated[Any, WINDS.field()] = ()
     vehicle: Annotated[Vehicle, VehicleField] = field(default_factory=lambda: VEHICLES["paper"])
     interface: Interface = "wrench"  # what an action commands
     latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # from an action to the moment when it acts; whole substeps
@@ -62,7 +53,8 @@ class Scenario:
     # ``"betaflight[:TUNE]"``: real firmware in place of the rate loop
     autopilot: Annotated[Betaflight | None, AutopilotField] = None
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
-    substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
+    # Runge–Kutta steps in a control period; None: as many as are at most 5 ms long
+    substeps: Annotated[int | None, Range(1, 10_000)] = None
     duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0  # length of an episode
     wind_rise: Annotated[float, Range(0.0, 1e6, "s")] = 0.0  # the wind is multiplied by min(t/wind_rise, 1); 0: by 1
     unscored: Annotated[float, Range(0.0, 1e7, "s")] = 0.0  # at the beginning, where no error counts but falls do
@@ -87,7 +79,8 @@ class Scenario:
     @cached_property
     def simulation(self) -> Simulation:
         """The vehicle with its interface, control period, substeps and latency."""
-        return Simulation(self.vehicle, self.interface, self.period, self.substeps, self.latency)
+        substeps = self.substeps or substeps_in(self.period, _SUBSTEP)
+        return Simulation(self.vehicle, self.interface, self.period, substeps, self.latency)
 
     @cached_property
     def wind_models(self) -> tuple[Any, ...]:
@@ -117,8 +110,12 @@ class Scenario:
         """
         given = {key: value for key, value in {"vehicle": vehicle, "interface": interface}.items() if value is not None}
         simulation = replace(self.simulation, **given)
-        factors = _factors(self.simulation, simulation)
-        wind = [item if isinstance(item, str) else _rescaled((item,), factors)[0] for item in self.wind]
+        own, factors = _factors(Simulation(), self.simulation), _factors(self.simulation, simulation)
+        wind = [
+            model
+            for item in self.wind
+            for model in ((item,) if isinstance(item, Relative) else rescaled(for_vehicle((item,), own), factors))
+        ]
         added = ([simulation.vehicle.name] if vehicle is not None else []) + ([interface] if interface else [])
         return replace(self, **given, wind=wind, name=" · ".join([self.name, *added]) if self.name else "")
 
@@ -137,25 +134,20 @@ class Scenario:
         return env
 
 
+def substeps_in(period: float, longest: float) -> int:
+    """Return the number of substeps in a period, none of which is longer than the longest one, s."""
+    return math.ceil(period / longest * (1.0 - 1e-9))
+
+
 def wind_models(wind: Any, simulation: Simulation) -> tuple[Any, ...]:
-    """Return the models of a wind, as `Scenario.wind`; those of presets are scaled for the vehicle of a simulation."""
-    factors = _factors(Simulation(), simulation)
-    return tuple(
-        model
-        for item in _named_or_models(wind)
-        for model in (_rescaled(as_wind(item), factors) if isinstance(item, str) else (item,))
-    )
+    """Return the models of a wind, as `Scenario.wind`; relative ones are scaled for the vehicle of a simulation."""
+    return for_vehicle(as_wind(wind), _factors(Simulation(), simulation))
 
 
-def _factors(old: Simulation, new: Simulation) -> tuple[float, tuple[float, float, float]]:
+def _factors(old: Simulation, new: Simulation) -> Factors:
     """Return the ratios of the weights and of the torque limits about each axis."""
     roll_pitch, yaw = (after / before for after, before in zip(new.torque_limits, old.torque_limits, strict=True))
     return new.parameters.hover_thrust / old.parameters.hover_thrust, (roll_pitch, roll_pitch, yaw)
-
-
-def _rescaled(models: tuple[Any, ...], factors: tuple[float, tuple[float, float, float]]) -> tuple[Any, ...]:
-    same = {factors[0], *factors[1]} == {1.0}
-    return models if same else tuple(Rescaled(model, *factors) for model in models)
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:

@@ -9,16 +9,19 @@ from quadpend_gym.wind.base import *
 from quadpend_gym.wind.base import WINDS
 from quadpend_gym.wind.gusts import *
 from quadpend_gym.wind.steady import *
+from quadpend_gym.wind.steady import Relative
 from quadpend_gym.wind.turbulence import *
 
 as_wind, KINDS, PRESETS = WINDS.parse, WINDS.kinds, WINDS.presets
 PRESETS |= {  # as in ``wind="windy"``
     "calm": None,
-    "breeze": {"kind": "ornstein_uhlenbeck", "force": 0.15},
-    "windy": {"kind": "ornstein_uhlenbeck", "force": 0.3},
-    "storm": [
-        {"kind": "drawn", "wind": {"kind": "dryden", "intensity": "moderate"}},
-        {"kind": "gusts", "velocity": (6.0, 0.0, 0.0)},
-    ],
-    "paper": {"kind": "paper_gusts", "onset": 2.0},
+    "breeze": Relative({"kind": "ornstein_uhlenbeck", "force": 0.15}),
+    "windy": Relative({"kind": "ornstein_uhlenbeck", "force": 0.3}),
+    "storm": Relative(
+        [
+            {"kind": "drawn", "wind": {"kind": "dryden", "intensity": "moderate"}},
+            {"kind": "gusts", "velocity": (6.0, 0.0, 0.0)},
+        ]
+    ),
+    "paper": Relative({"kind": "paper_gusts", "onset": 2.0}),
 }

@@ -1,5 +1,7 @@
 """Constant and sinusoidal winds, still air, winds of random strength and heading, scaled and rising winds."""
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -17,11 +19,12 @@ from quadpend_gym.wind.base import (
     Composite,
     Load,
     Loads,
+    Sum,
     WindField,
     add_rotated,
 )
 
-__all__ = ["Constant", "Drawn", "Rescaled", "Sinusoid", "StillAir"]
+__all__ = ["Constant", "Drawn", "Relative", "Rescaled", "Sinusoid", "StillAir"]
 
 
 @WINDS.add
@@ -139,6 +142,41 @@ class Rescaled(Composite):
     def torque_factors(self) -> tuple[float, ...]:
         """The factors of the torques about x, y and z."""
         return tuple(np.broadcast_to(self.scale if self.torque_scale is None else self.torque_scale, 3).tolist())
+
+
+@WINDS.add
+@settings
+class Relative(Composite):
+    """A wind, such as a preset, whose forces and torques are those on the paper's vehicle.
+
+    A scenario multiplies them by the ratios of the weights and the torque limits of its vehicle and the paper's.
+    """
+
+    wind: Annotated[Any, WindField]
+    kind: Literal["relative"] = "relative"
+
+
+Factors = tuple[float, tuple[float, float, float]]  # of forces, and of the torques about each axis
+
+
+def rescaled(models: tuple[Any, ...], factors: Factors) -> tuple[Any, ...]:
+    """Return wind models whose forces and torques are multiplied by factors."""
+    return models if {factors[0], *factors[1]} == {1.0} else tuple(Rescaled(model, *factors) for model in models)
+
+
+def for_vehicle(models: Iterable[Any], factors: Factors) -> tuple[Any, ...]:
+    """Return wind models with those that are `Relative`, at any depth, multiplied by the factors of a vehicle."""
+    found: list[Any] = []
+    for model in models:
+        parts = for_vehicle(model.parts, factors) if isinstance(model, Composite) else ()
+        if isinstance(model, Relative):
+            found.extend(rescaled(model.parts, factors))
+        elif not isinstance(model, Composite) or parts == tuple(model.parts):
+            found.append(model)
+        else:
+            changed: Any = model
+            found.append(replace(changed, wind=Sum(parts)) if hasattr(model, "wind") else Rescaled(Sum(parts)))
+    return tuple(found)
 
 
 @settings

@@ -11,7 +11,7 @@ from quadpend_gym import Constant, Drawn, Dryden, Gusts, OrnsteinUhlenbeck, Pape
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.wind import WIND_SIZE, Sum, Wind, as_wind
+from quadpend_gym.wind import WIND_SIZE, Relative, Sum, Wind, as_wind
 
 PERIOD = 0.01
 # One model of every kind, each of them non-zero within the first steps.
@@ -19,6 +19,7 @@ EXAMPLES: dict[str, Any] = {
     "constant": Constant(force=0.5, bob_force=(0.0, 0.1, 0.0), torque=0.02, velocity=(1.0, -2.0, 0.5)),
     "sinusoid": Sinusoid(force=0.3, torque=(0.0, 0.05, 0.01), velocity=2.0, frequency=3.0),
     "drawn": Drawn(Dryden("moderate") + Constant(torque=0.02), strength=(0.5, 1.5)),
+    "relative": Relative(OrnsteinUhlenbeck(force=0.3)),
     "rescaled": Rescaled(OrnsteinUhlenbeck(force=0.3, bob_force=0.1, torque=0.01, velocity=1.0) + Dryden(), 0.8),
     "gusts": Gusts(force=(0.5, 0.1, 0.2), velocity=(4.0, 0.0, 1.0), pause=(0.0, 0.05), length=(0.05, 0.1)),
     "paper_gusts": PaperGusts(force=0.4, onset=0.02, hold=0.1),

@@ -81,7 +81,7 @@ def test_vector_wrapper_equals_wrapped_single_environments(hybrid: Any, mode: st
 
 
 def test_a_base_controller_with_a_name_is_designed_for_the_environment_and_an_object_is_not() -> None:
-    slow = Simulation(period=0.02)
+    slow = Simulation(period=0.02, substeps=4)
     env, wrap = make_vec(2, period=0.02), VectorHybridWrapper
     assert wrap(env, EstimateOnly("lqr")).hybrid.controller.simulation == slow
     assert wrap(env, {"kind": "estimate_only", "base_controller": "lqr"}).hybrid.controller.simulation == slow

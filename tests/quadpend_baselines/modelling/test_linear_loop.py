@@ -37,7 +37,7 @@ def test_delay_margin_is_that_of_a_search_in_time() -> None:
     """A start 1 mm off decays with half a millisecond, a substep, less than the margin, and grows with as much more."""
     scenario = Scenario(task=Task(limits=NO_LIMITS), vehicle="hummingbird", substeps=20, duration=60.0)
     policy = controller_of("lqi", tuning("lqi", "rigid").gains, scenario.simulation).adapt(scenario)
-    substep = scenario.period / scenario.substeps
+    substep = scenario.period / scenario.simulation.substeps
     margin = margins(vehicle_model(scenario), linear_policy(policy, scenario)).delay
     growth = []
     for substeps in (int(margin / substep), int(margin / substep) + 1):

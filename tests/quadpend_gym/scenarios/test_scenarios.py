@@ -11,17 +11,20 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pydantic import TypeAdapter
 
-from quadpend_gym import OrnsteinUhlenbeck, Rescaled, Sinusoids, Waypoints
+from quadpend_gym import Drawn, OrnsteinUhlenbeck, Rescaled, Sinusoids, Waypoints
 from quadpend_gym.scenarios import (
     SCENARIOS,
     SETS,
     Scenario,
+    as_scenario,
     find_scenario,
     find_scenarios,
     own_models,
     refuse_held_out,
     scenario_data,
 )
+from quadpend_gym.tasks.task import TASKS, Task
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import as_wind
 from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.own_code import write_module
@@ -166,13 +169,21 @@ def test_the_wind_of_a_scenario_rises_and_that_of_a_wrapper_does_not() -> None:
 
 def test_presets_of_wind_are_relative_to_the_weight_and_exactly_themselves_for_the_papers_vehicle() -> None:
     for name in ("breeze", "windy", "storm"):
-        assert SCENARIOS[name].wind_models == as_wind(name)
+        assert SCENARIOS[name].wind_models == as_wind(name)[0].parts
     (light,) = Scenario(wind="windy", vehicle="crazyflie").wind_models
     assert isinstance(light, Rescaled)
     assert light.scale == pytest.approx(0.0298 * 9.81 / (0.7 * 9.8))
-    assert light.wind.models == as_wind("windy")
-    explicit = Scenario(wind=OrnsteinUhlenbeck(0.3), vehicle="crazyflie")
-    assert explicit.wind_models == as_wind("windy")
+    plain = {"kind": "ornstein_uhlenbeck", "force": 0.3}
+    assert light.wind.models == as_wind(plain)
+    for wind in (plain, OrnsteinUhlenbeck(0.3)):
+        assert Scenario(wind=wind, vehicle="crazyflie").wind_models == as_wind(plain)
+    for wind in ({"kind": "relative", "wind": plain}, ["windy"], as_wind("windy")):
+        assert Scenario(wind=wind, vehicle="crazyflie").wind_models == (light,)
+    for flown in (
+        Scenario(wind=Drawn("windy"), vehicle="crazyflie"),
+        Scenario(wind=Drawn("windy")).with_vehicle("crazyflie"),
+    ):
+        assert flown.wind_models[0] in (Drawn(light), Rescaled(Drawn(plain), light.scale, light.torque_scale))
 
 
 def test_another_vehicle_has_wind_of_its_weight_and_its_torque_limits() -> None:
@@ -234,3 +245,34 @@ def test_own_code_gives_a_wind_or_a_whole_scenario(tmp_path: Path, monkeypatch: 
     assert own_models(push)
     assert own_models(noisy)
     assert not own_models(SCENARIOS["storm"])
+
+
+def test_a_mapping_changes_the_scenarios_own_part_and_an_object_replaces_it(recwarn: pytest.WarningsRecorder) -> None:
+    found, effort = SCENARIOS["flight_training_wind"], {"reward": {"effort": 0.3}}
+    task = replace(found.task, reward=replace(found.task.reward, effort=0.3))
+    own = {"task": {"start": {"direction": 0.2}}, "loop": {"latency": [0.01, 0.03], "jitter": 0.002}}
+    assert (
+        as_scenario("flight_training_wind", task=effort) == as_scenario(found, task=task) == replace(found, task=task)
+    )
+    merged = as_scenario(own, task=effort, loop={"jitter": 0.0})
+    assert merged == Scenario(task={**own["task"], **effort}, loop={"latency": [0.01, 0.03]})  # type: ignore[arg-type]
+    assert as_scenario({"task": "hover"}, task=effort).task.references == TASKS["hover"].references
+    assert as_scenario("uncertain", parameters={"share": 0.5}).parameters == replace(
+        SCENARIOS["uncertain"].parameters, share=0.5
+    )
+    assert as_scenario("hummingbird_windy", vehicle={"mass": 0.8}).vehicle == replace(VEHICLES["hummingbird"], mass=0.8)
+    assert not recwarn
+    with pytest.warns(
+        UserWarning, match="replaces references and start of the scenario by those of 'track'.*a mapping"
+    ):
+        assert as_scenario(found, task=Task(reward={"effort": 0.3})).task == Task(reward={"effort": 0.3})  # type: ignore[arg-type]
+
+
+def test_substeps_keep_their_length_when_only_the_period_changes() -> None:
+    found = [as_scenario(*item).simulation.substeps for item in ((None,), ("flight_breeze",))]
+    assert found == [2, 4]
+    cases = ((None, 8), ("flight_breeze", 16), ({"substeps": 4}, 16), ({"period": 0.02, "substeps": 4}, 8))
+    for given, substeps in cases:
+        assert as_scenario(given, period=0.04).simulation.substeps == substeps
+        assert as_scenario(given, period=0.04, substeps=10).simulation.substeps == 10
+    assert Scenario(period=0.013).simulation.substeps == 3

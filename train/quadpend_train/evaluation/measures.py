@@ -49,7 +49,7 @@ def delay_budget(
     substeps. The latency is first doubled and then bisected, as if survival never grew with it. The result is 0 if the
     share is not reached without an additional latency, and infinite if it is with `longest` (s).
     """
-    substep = scenario.period / scenario.substeps
+    substep = scenario.period / scenario.simulation.substeps
 
     def survives(substeps: int) -> bool:
         late = replace(scenario, latency=scenario.latency + substeps * substep)
