@@ -35,6 +35,11 @@ def parse_mapping(text: str | bytes, name: str) -> dict[str, Any]:
     return value
 
 
+def readable(path: object) -> str:
+    """Return a path as text with "?" for what is not UTF-8, such as letters of a name in Latin-1."""
+    return str(path).encode(errors="replace").decode()
+
+
 def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return the mapping of pairs, whose keys must differ."""
     found: dict[str, Any] = {}

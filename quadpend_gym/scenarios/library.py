@@ -9,7 +9,7 @@ from typing import Any
 from gymnasium import logger
 
 from quadpend_gym.core.factories import call_factory, find_factory, is_factory, split_name, split_text
-from quadpend_gym.core.files import parse_mapping, read_mapping
+from quadpend_gym.core.files import parse_mapping, read_mapping, readable
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.settings import parse, plain, settings, suggest
 from quadpend_gym.randomization import RangesField
@@ -53,7 +53,8 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
     try:
         data = read_mapping(path)
         if "scenarios" not in data:
-            return {path.stem: parse(Scenario, {"name": path.stem, **data}, "scenario")}, {}
+            name = readable(path.stem)
+            return {name: parse(Scenario, {"name": name, **data}, "scenario")}, {}
         file = parse(_File, data, "the file")
         scenarios = {
             name: parse(Scenario, {"name": name, **file.defaults, **own}, name) for name, own in file.scenarios.items()

@@ -1,5 +1,6 @@
 """Names and files that are unusual or damaged end in a readable result or in one sentence."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from tests.quadpend_train.cli.test_commands import refused
 
 NAMES = ("[red]bold", "a.b", "<b>x")
 FILE = "d[/b].npz"  # its name has no slash
+LATIN_1 = os.fsdecode(b"sz\xe4.json")
 POLICIES = [*(f"{name}={policy}" for name, policy in zip(NAMES, ("lqr", "lqi", "flatness"), strict=True)), FILE]
 
 
@@ -23,14 +25,15 @@ def brief_scenarios(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     shorten_scenarios(monkeypatch, 0.2)
     monkeypatch.chdir(tmp_path)
     Path(FILE).parent.mkdir()
+    Path(LATIN_1).write_text("{}")
     mlp_policy(OBSERVATION_SIZE, interface="wrench").save(FILE)
 
 
 @pytest.mark.usefixtures("brief_scenarios")
 def test_names_are_text_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["evaluate", *POLICIES, "--scenarios", "calm", "windy again=windy", "--episodes", "2", "--replay", "0"])
+    main(["evaluate", *POLICIES, "--scenarios", "calm", "windy again=windy", LATIN_1, "--episodes", "2", "--replay", "0"])
     printed = capsys.readouterr()
-    assert all(name in printed.out for name in (*NAMES, FILE))
+    assert all(name in printed.out for name in (*NAMES, FILE, "sz?"))
     assert "recording" not in printed.err  # the bar of the replay
     assert "<b>x" not in Path("results/report.html").read_text(encoding="utf-8")
 

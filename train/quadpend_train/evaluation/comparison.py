@@ -14,6 +14,7 @@ import pandas as pd
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.factories import split_name
+from quadpend_gym.core.files import readable
 from quadpend_gym.scenarios import Scenario, as_scenario, find_scenarios, scenario_data
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import TEST_SEED
@@ -129,7 +130,7 @@ def named_policies(policies: Policies) -> Mapping[str, str | Policy | Sequence[P
         return policies
     members = [policies] if isinstance(policies, str) else list(policies)
     texts = [split_name(item) if isinstance(item, str) else (type(item).__name__, item) for item in members]
-    named = {name or str(policy): policy for name, policy in texts}
+    named = {readable(name or policy): policy for name, policy in texts}
     if len(named) < len(members):
         raise ValueError("two policies have the same name: give each its own, as NAME=POLICY or in a mapping")
     return named
