@@ -168,90 +168,90 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
     held_out = [log.part(training, 1.0) for log in logs] if training < 1.0 else []
     for log in held_out:
         windows_of(log, 0.5, 0.05)  # as `compare` does: a log that is too short is refused before the fit
-    fit = _Fit([windows_of(log, _HORIZON, _STRIDE) for log in fitted], start)
+    model, windows = _Model.of(fitted, start), [windows_of(log, _HORIZON, _STRIDE) for log in fitted]
     moved = [falling(log, start) > _STILL for log in fitted if log.pole is not None]
-    missing = {name: fit.known[name] for name in (*unseen(logs[0]), *(() if any(moved) else POLE))}
-    quantities = [name for name in QUANTITIES if fit.has_pole or name not in POLE]
-    values, names = fit.start | missing, [name for name in quantities if name not in missing]
+    missing = {name: model.known[name] for name in (*unseen(logs[0]), *(() if any(moved) else POLE))}
+    quantities = [name for name in QUANTITIES if model.has_pole or name not in POLE]
+    values, names = model.begin | missing, [name for name in quantities if name not in missing]
     for share in _PASSES:
-        fit.cut(share)
-        fit.scale(values)
-        values = fit.solve(values, names)
-    if fit.has_pole:  # noise of the logged direction biases the length, since its errors in the starts grow
-        fit.correct_poles(values)
-        fit.scale(values)
-        values = fit.solve(values, names)
-    estimates = fit.estimates(values, names)
-    if hidden := [name for name, found in estimates.items() if found.blind and name != "delay"]:
-        fixed = {name: fit.known[name] for name in hidden}  # again, with what the log does not show as in the start
-        names = [name for name in names if name not in hidden]
-        values = fit.solve({**values, **fixed}, names)
-        estimates |= fit.estimates(values, names)
+        found = fit(model, [each.beginning(share) for each in windows], values, names)
+        values = found.values
+    if model.has_pole:  # noise of the logged direction biases the length, since its errors in the starts grow
+        found = fit(model, found.with_best_poles(), values, names)
+    estimates = found.estimates()
+    if hidden := [name for name, each in estimates.items() if each.blind and name != "delay"]:
+        fixed = {name: model.known[name] for name in hidden}  # again, with what the log does not show as in the start
+        found = found.solved({**found.values, **fixed}, [name for name in names if name not in hidden])
+        estimates |= found.estimates()
+    values = found.values
     nothing = {name: Estimate(name, value, np.inf, (-np.inf, np.inf), False, True) for name, value in missing.items()}
     estimates = {name: (estimates | nothing)[name] for name in quantities}
     gentle = max(regression(log, start)[0] for log in fitted) < _GENTLE
     if gentle:
         estimates |= {name: replace(estimates[name], identified=False) for name in _BY_TURNS}
     values |= {name: found.value for name, found in estimates.items() if not found.blind}
-    vehicle = replace(fit.vehicle(values), name="identified")
-    if not fit.has_pole:
+    vehicle = replace(model.vehicle(values), name="identified")
+    if not model.has_pole:
         vehicle = replace(vehicle, pole=start.pole, pivot=start.pivot)
     return Identification(vehicle, values["thrust_coefficient"], values["delay"], estimates, fitted, held_out, gentle)
 
 
-class _Fit:
-    """The errors of a vehicle in the windows of logs as functions of the quantities."""
+@dataclass(frozen=True)
+class _Model:
+    """Vehicles by the values of the quantities, and sizes, first and known values of these by name."""
 
-    def __init__(self, windows: Sequence[Windows], start: Vehicle) -> None:
-        self.has_pole = any(each.log.pole is not None for each in windows)
-        self.whole, self.base = windows, start if self.has_pole else without_pole(start)
-        self.cut(1.0)
-        rotors, mass, pole = rotors_of(start), start.mass, start.pole
+    base: Vehicle
+    has_pole: bool
+    has_speeds: bool
+    fastest: float  # highest number of a motor
+    sizes: dict[str, float]
+    begin: dict[str, float]
+    known: dict[str, float]  # those of the start vehicle
+
+    @classmethod
+    def of(cls, logs: Sequence[FlightLog], start: Vehicle) -> "_Model":
+        """Return the model for logs of a vehicle like `start`."""
+        has_pole, has_speeds = any(log.pole is not None for log in logs), logs[0].has_speeds
+        rotors, mass, pole, drag = rotors_of(start), start.mass, start.pole, start.drag
         arm = float(np.abs(np.array(rotors.positions)[:, :2]).max())
-        coefficient = float(np.mean([hover_coefficient(each.log, start) for each in windows]))
+        coefficient = float(np.mean([hover_coefficient(log, start) for log in logs]))
         roll, pitch, _ = np.diag(start.inertia_matrix).tolist()
-        lag, drag = max(0.5 * sum(rotors.lags), 0.02), 0.2 * mass
-        self.sizes = {
+        lag = 0.5 * sum(rotors.lags)
+        sizes = {
             "thrust_coefficient": coefficient,
             "torque_per_thrust": rotors.torque_per_thrust,
             "rotor_inertia": 0.002 * roll,
             "inertia_roll": roll,
             "inertia_pitch": pitch,
-            "lag": lag,
+            "lag": max(lag, 0.02),
             "delay": 0.02,
-            **dict.fromkeys(("drag_x", "drag_y", "drag_z"), drag),
+            **dict.fromkeys(("drag_x", "drag_y", "drag_z"), 0.2 * mass),
             "drag_height": arm,
             **dict.fromkeys(("angular_drag", "angular_drag_yaw"), roll),
             **dict.fromkeys(("centre_x", "centre_y"), 0.1 * arm),
             "pole_length": pole.length,
             "pole_drag_area": _POLE_DRAG * pole.mass,
         }
-        self.start = {name: 0.0 if name in _FROM_ZERO else size for name, size in self.sizes.items()}
-        kept = rotors.thrust_coefficient if windows[0].log.has_speeds else None
-        x, y, z = start.drag.rotor
-        self.known = self.start | {"drag_x": x, "drag_y": y, "drag_z": z, "drag_height": start.drag.height}
-        self.known |= {"thrust_coefficient": kept or coefficient, "lag": max(0.5 * sum(rotors.lags), 1e-4)}
-        self.known |= {"angular_drag": start.drag.angular[0], "angular_drag_yaw": start.drag.angular[2]}
-        self.known |= {"rotor_inertia": rotors.inertia, "pole_drag_area": pole.drag_area}
-        self.scales: Any = 1.0
-        self.slopes: Any = None  # of the errors by the starts of the windows, shape (w, 12 or 16, c times)
-        self.norms: Any = None  # by which the slopes were divided, shape (w, 12 or 16)
-        self.gains: Any = None  # the starts that explain errors best, shape (w, 12 or 16, c times)
+        begin = {name: 0.0 if name in _FROM_ZERO else size for name, size in sizes.items()}
+        known = dict(zip(("drag_x", "drag_y", "drag_z"), drag.rotor, strict=True)) | {
+            "thrust_coefficient": (rotors.thrust_coefficient if has_speeds else None) or coefficient,
+            "rotor_inertia": rotors.inertia,
+            "lag": max(lag, 1e-4),
+            "drag_height": drag.height,
+            "angular_drag": drag.angular[0],
+            "angular_drag_yaw": drag.angular[2],
+            "pole_drag_area": pole.drag_area,
+        }
+        fastest = max(float(log.motors.max()) for log in logs)
+        base = start if has_pole else without_pole(start)
+        return cls(base, has_pole, has_speeds, fastest, sizes, begin, begin | known)
 
-    def cut(self, share: float) -> None:
-        """Count only the first part of each window from now on."""
-        self.windows = [replace(each, steps=max(1, round(share * each.steps))) for each in self.whole]
-        self.at = np.unique(np.linspace(0, self.windows[0].steps, _TIMES + 1).round().astype(int))
-
-    def vehicle(self, values: dict[str, float]) -> Vehicle:
+    def vehicle(self, v: dict[str, float]) -> Vehicle:
         """Return the vehicle with these values; without a pole in the logs, with a nearly weightless one."""
-        v, base, rotors = values, self.base, rotors_of(self.base)
+        base, rotors = self.base, rotors_of(self.base)
         roll, pitch, yaw = np.diag(base.inertia_matrix).tolist()
         inertia = v["inertia_roll"], v["inertia_pitch"]
-        centre = np.array([v["centre_x"], v["centre_y"], 0.0])
-        positions: Any = tuple(map(tuple, np.array(rotors.positions) - centre))
-        log = self.windows[0].log
-        most = v["thrust_coefficient"] * max(float(each.log.motors.max()) for each in self.windows) ** 2
+        positions: Any = np.array(rotors.positions) - [v["centre_x"], v["centre_y"], 0.0]
         return replace(
             base,
             pole=stretched(base.pole, v["pole_length"], v["pole_drag_area"]) if self.has_pole else base.pole,
@@ -262,9 +262,9 @@ class _Fit:
                 torque_per_thrust=v["torque_per_thrust"],
                 lag_up=v["lag"],
                 lag_down=None,
-                inertia=v["rotor_inertia"] if log.has_speeds else rotors.inertia,
-                thrust=(0.0, max(most, 0.3 * base.weight)),
-                thrust_coefficient=v["thrust_coefficient"] if log.has_speeds else rotors.thrust_coefficient,
+                thrust=(0.0, max(v["thrust_coefficient"] * self.fastest**2, 0.3 * base.weight)),
+                inertia=v["rotor_inertia"] if self.has_speeds else rotors.inertia,
+                thrust_coefficient=v["thrust_coefficient"] if self.has_speeds else rotors.thrust_coefficient,
             ),
             drag=Drag(
                 rotor=(v["drag_x"], v["drag_y"], v["drag_z"]),
@@ -274,95 +274,134 @@ class _Fit:
             rate_loop=replace(base.rate_loop, time_constant=max(base.rate_loop.time_constant, FASTEST_LOOP * v["lag"])),
         )
 
-    def unscaled(self, values: dict[str, float], offset: Any = None) -> Floats:
-        """Return the errors at the chosen times, shape (times, w, c); c is 12, or 15 with a pole."""
+    def errors(self, values: dict[str, float], windows: Sequence[Windows], offset: Any = None) -> Floats:
+        """Return the errors at the times that count, shape (times, w, c); c is 12, or 15 with a pole."""
         vehicle, coefficient, delay = self.vehicle(values), values["thrust_coefficient"], values["delay"]
-        windows = self.windows
         if offset is not None:
             windows = [replace(w, offset=offset if w.offset is None else offset + w.offset) for w in windows]
-        found = [errors(fly(each, vehicle, coefficient, delay), each, self.at) for each in windows]
+        at = np.unique(np.linspace(0, windows[0].steps, _TIMES + 1).round().astype(int))
+        found = [errors(fly(each, vehicle, coefficient, delay), each, at) for each in windows]
         channels = max(each.shape[2] for each in found)  # a log without a pole has no errors of it
         return np.concatenate([np.pad(each, ((0, 0), (0, 0), (0, channels - each.shape[2]))) for each in found], axis=1)
 
+
+@dataclass(frozen=True)
+class _Weights:
+    """How much errors count, and what starts of the windows explain of them, from the values where a fit begins.
+
+    Attributes:
+        scales: Root mean square of the errors over times, windows and axes, by which they are divided, shape (c,).
+        slopes: Of the scaled errors by the starts of the windows, of norm 1, shape (w, 12 or 16, c times).
+        norms: By which the slopes were divided, shape (w, 12 or 16).
+        gains: From errors to the starts that explain them best, shape (w, 12 or 16, c times).
+    """
+
+    scales: Floats
+    slopes: Floats
+    norms: Floats
+    gains: Floats
+
+    def starts(self, found: Floats) -> Floats:
+        """Return the starts that explain errors best, shape (w, 12 or 16)."""
+        return np.asarray(np.einsum("wsn,wn->ws", self.gains, _by_window(found / self.scales)))
+
+    def __call__(self, found: Floats) -> Floats:
+        """Return scaled errors without what the starts of the windows explain, shape (times, w, c)."""
+        times, count, _ = found.shape
+        rest = _by_window(found / self.scales) - np.einsum("wsn,ws->wn", self.slopes, self.starts(found))
+        return np.ascontiguousarray(np.swapaxes(rest.reshape(count, times, -1), 0, 1))
+
+
+def _by_window(found: Floats) -> Floats:
+    """Return errors of shape (times, w, c) with the shape (w, c times)."""
+    return np.swapaxes(found, 0, 1).reshape(found.shape[1], -1)
+
+
+def _weights(model: _Model, windows: Sequence[Windows], values: dict[str, float]) -> _Weights:
+    here, units = model.errors(values, windows, np.zeros(16)), np.eye(16)[: 16 if model.has_pole else 12]
+    moved = (model.errors(values, windows, _STEP * unit) - here for unit in units)
+    by_start = np.stack([np.swapaxes(each, 0, 1) for each in moved], axis=1) / _STEP
+    with_pole = sum(len(each.first) for each in windows if each.log.pole is not None)
+    rest = here
+    for _ in range(2):  # the second time without what the starts explain
+        size = np.sqrt((rest.reshape(*rest.shape[:2], -1, 3) ** 2).mean(axis=(0, 1, 3)))
+        size[1] = _IGNORED
+        size[4:] *= np.sqrt(rest.shape[1] / max(1, with_pole))  # over the windows with a pole
+        if not all(each.log.has_position for each in windows):
+            size[0] = _IGNORED
+        scales = np.repeat(np.maximum(size, 1e-9), 3)
+        slopes = (by_start / scales).reshape(*by_start.shape[:2], -1)
+        norms = np.maximum(np.linalg.norm(slopes, axis=2, keepdims=True), 1e-6)
+        slopes /= norms
+        gains = np.linalg.solve(slopes @ np.swapaxes(slopes, 1, 2) + 1e-9 * np.eye(len(units)), slopes)
+        weights = _Weights(scales, slopes, norms[..., 0], gains)
+        rest = weights(here) * scales
+    return weights
+
+
+def fit(model: _Model, windows: Sequence[Windows], values: dict[str, float], names: Sequence[str]) -> "_Found":
+    """Return the values of the named quantities that minimise the loss of the errors, beginning with these."""
+    return _Found(model, windows, _weights(model, windows, values), values, names).solved(values, names)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a fit found."""
+
+    model: _Model
+    windows: Sequence[Windows]
+    weights: _Weights
+    values: dict[str, float]
+    names: Sequence[str]  # of the quantities that it varied
+
     def errors(self, values: dict[str, float]) -> Floats:
-        """Return the scaled errors without what the starts of the windows explain, shape (times, w, c)."""
-        scaled = self.unscaled(values) / self.scales
-        if self.slopes is None:
-            return np.asarray(scaled)
-        flat, starts = self.explained(scaled)
-        flat = flat - np.einsum("wsn,ws->wn", self.slopes, starts)
-        return np.ascontiguousarray(np.swapaxes(flat.reshape(scaled.shape[1], scaled.shape[0], -1), 0, 1))
+        """Return the weighted errors, shape (times, w, c)."""
+        return self.weights(self.model.errors(values, self.windows))
 
-    def explained(self, scaled: Floats) -> tuple[Floats, Floats]:
-        """Return the errors of each window, shape (w, n), and the starts that explain them best, shape (w, s)."""
-        flat = np.swapaxes(scaled, 0, 1).reshape(scaled.shape[1], -1)
-        return flat, np.einsum("wsn,wn->ws", self.gains, flat)
-
-    def correct_poles(self, values: dict[str, float]) -> None:
-        """Start the pole from now on where the errors of the window are the smallest."""
-        starts = -self.explained(self.unscaled(values) / self.scales)[1] / self.norms
-        starts[:, :12] = 0.0  # the body's starts stay
-        counts = np.cumsum([len(each.first) for each in self.windows])
-        self.windows = [replace(w, offset=a) for w, a in zip(self.windows, np.split(starts, counts[:-1]), strict=True)]
-
-    def scale(self, values: dict[str, float]) -> None:
-        """Divide errors from now on by their root mean square with these values, over times, windows and axes.
-
-        What the starts of the windows explain is subtracted from now on.
-        """
-        self.scales, self.slopes = 1.0, None
-        here, units = self.unscaled(values, np.zeros(16)), np.eye(16)[: 16 if self.has_pole else 12]
-        moved = [np.swapaxes(self.unscaled(values, _STEP * unit) - here, 0, 1) for unit in units]
-        by_start = np.stack(moved, axis=1) / _STEP
-        for _ in range(2):  # the second time without what the starts explain
-            found = self.errors(values) * self.scales
-            size = np.sqrt((found.reshape(*found.shape[:2], -1, 3) ** 2).mean(axis=(0, 1, 3)))
-            size[1] = _IGNORED
-            with_pole = sum(len(each.first) for each in self.windows if each.log.pole is not None)
-            size[4:] *= np.sqrt(found.shape[1] / max(1, with_pole))  # over the windows with a pole
-            if not all(each.log.has_position for each in self.windows):
-                size[0] = _IGNORED
-            self.scales = np.repeat(np.maximum(size, 1e-9), 3)
-            slopes = (by_start / self.scales).reshape(*by_start.shape[:2], -1)
-            norms = np.maximum(np.linalg.norm(slopes, axis=2, keepdims=True), 1e-6)
-            slopes /= norms
-            self.slopes, self.norms = slopes, norms[..., 0]
-            self.gains = np.linalg.solve(slopes @ np.swapaxes(slopes, 1, 2) + 1e-9 * np.eye(len(units)), slopes)
-
-    def jacobian(self, values: dict[str, float], names: Sequence[str]) -> Floats:
+    def jacobian(self, values: dict[str, float]) -> Floats:
         """Return the derivatives of the errors by quantities in units of their sizes, shape (times, w, c, k)."""
-        here = self.errors(values)
-        moved = (self.errors({**values, name: values[name] + _STEP * self.sizes[name]}) for name in names)
+        here, sizes = self.errors(values), self.model.sizes
+        moved = (self.errors({**values, name: values[name] + _STEP * sizes[name]}) for name in self.names)
         return np.stack([(there - here) / _STEP for there in moved], axis=-1)
 
-    def solve(self, values: dict[str, float], names: Sequence[str]) -> dict[str, float]:
-        """Return the values that minimise the loss of the errors, beginning with these."""
+    def solved(self, values: dict[str, float], names: Sequence[str]) -> "_Found":
+        """Return the fit of the named quantities with the same weights, beginning with these values."""
+        again, sizes = replace(self, names=names), self.model.sizes
 
         def full(x: Any) -> dict[str, float]:
-            return values | {name: float(a) * self.sizes[name] for name, a in zip(names, x, strict=True)}
+            return values | {name: float(a) * sizes[name] for name, a in zip(names, x, strict=True)}
 
         def function(x: Any) -> Any:
-            return self.errors(full(x)).ravel()
+            return again.errors(full(x)).ravel()
 
         def slopes(x: Any) -> Any:
-            return self.jacobian(full(x), names).reshape(-1, len(names))
+            return again.jacobian(full(x)).reshape(-1, len(names))
 
-        bounds: Any = np.array([(QUANTITIES[name].low, QUANTITIES[name].high) for name in names]).T
+        low, high = np.array([(QUANTITIES[name].low, QUANTITIES[name].high) for name in names]).T
         found = least_squares(
             function,
-            np.clip([values[name] / self.sizes[name] for name in names], bounds[0] + 1e-6, bounds[1] - 1e-6),
+            np.clip([values[name] / sizes[name] for name in names], low + 1e-6, high - 1e-6),
             slopes,
-            bounds=(bounds[0], bounds[1]),
+            bounds=(low, high),
             loss="soft_l1",
             xtol=1e-4,
             ftol=1e-5,
             max_nfev=30,
         )
-        return full(found.x)
+        return replace(again, values=full(found.x))
 
-    def estimates(self, values: dict[str, float], names: Sequence[str]) -> dict[str, Estimate]:
+    def with_best_poles(self) -> list[Windows]:
+        """Return the windows with the pole starting where their errors are the smallest."""
+        starts = -self.weights.starts(self.model.errors(self.values, self.windows)) / self.weights.norms
+        starts[:, :12] = 0.0  # the body's starts stay
+        counts = np.cumsum([len(each.first) for each in self.windows])
+        parts = np.split(starts, counts[:-1])
+        return [replace(each, offset=part) for each, part in zip(self.windows, parts, strict=True)]
+
+    def estimates(self) -> dict[str, Estimate]:
         """Return the quantities with their deviations and intervals."""
-        found, slopes = self.errors(values), self.jacobian(values, names)
+        values, names = self.values, self.names
+        found, slopes = self.errors(values), self.jacobian(values)
         weight = (1.0 + found**2) ** -0.5  # of the loss
         information = np.einsum("twci,twcj,twc->ij", slopes, slopes, weight**3)  # ρ″ = weight³
         inverse = np.linalg.inv(information + 1e-9 * np.eye(len(names)))  # what nothing shows gets a huge variance
@@ -371,11 +410,11 @@ class _Fit:
         blocks = np.array([part.sum(axis=0) for part in np.array_split(gradients, count)])
         spread = inverse @ (blocks.T @ blocks) @ inverse * count / (count - 1.0)
         fisher = np.diag(inverse) * np.mean(weight * found**2)
-        biases = inverse @ (gradients.sum(axis=0) - self.noisy_gradient(values, names))
+        biases = inverse @ (gradients.sum(axis=0) - self.noisy_gradient())
         deviations = np.sqrt(np.maximum(np.diag(spread), fisher) + biases**2)
         reach, out = float(student.ppf(0.975, count - 1)), {}
         for name, deviation, bias in zip(names, deviations.tolist(), biases.tolist(), strict=True):
-            size, quantity = self.sizes[name], QUANTITIES[name]
+            size, quantity = self.model.sizes[name], QUANTITIES[name]
             low, high = quantity.low * size, quantity.high * size
             value, d = min(max(values[name] - bias * size, low), high), deviation * size
             at_bound = name != "lag" and not low * 1.01 < value < high * 0.99
@@ -384,19 +423,21 @@ class _Fit:
             out[name] = Estimate(name, value, d, interval, share < UNIDENTIFIED and not at_bound, share > _BLIND)
         return out
 
-    def noisy_gradient(self, values: dict[str, float], names: Sequence[str]) -> Floats:
+    def noisy_gradient(self) -> Floats:
         """Return the gradient of the loss in units of the sizes with more noise of the motors, as much as they have.
 
         It is the mean of noise and its negative, in which what is linear in the noise vanishes.
         """
-        random, kept, out = np.random.default_rng(0), self.windows, np.zeros(len(names))
-        noise = [motor_noise(each.log) * random.standard_normal(each.log.motors.shape) for each in kept]
+        random, out = np.random.default_rng(0), np.zeros(len(self.names))
+        logs = [each.log for each in self.windows]
+        noise = [motor_noise(log) * random.standard_normal(log.motors.shape) for log in logs]
         for sign in (1.0, -1.0):
-            noisy = [replace(w.log, motors=w.log.motors + sign * a) for w, a in zip(kept, noise, strict=True)]
-            self.windows = [replace(w, log=log) for w, log in zip(kept, noisy, strict=True)]
-            found, slopes = self.errors(values), self.jacobian(values, names)
+            noisy = [replace(log, motors=log.motors + sign * a) for log, a in zip(logs, noise, strict=True)]
+            with_noise = [replace(each, log=log) for each, log in zip(self.windows, noisy, strict=True)]
+            faster = replace(self.model, fastest=max(float(log.motors.max()) for log in noisy))
+            other = replace(self, model=faster, windows=with_noise)
+            found, slopes = other.errors(self.values), other.jacobian(self.values)
             out += 0.5 * np.einsum("twci,twc->i", slopes, found * (1.0 + found**2) ** -0.5)
-        self.windows = kept
         return out
 
 

@@ -44,6 +44,10 @@ class Windows:
     steps: int
     offset: Any = None
 
+    def beginning(self, share: float) -> "Windows":
+        """Return the first part of each window."""
+        return replace(self, steps=max(1, round(share * self.steps)))
+
     @property
     def samples(self) -> Any:
         """Indices of the samples of the windows, shape (steps + 1, w)."""
