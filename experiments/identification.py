@@ -22,9 +22,9 @@ from experiments.simulated_logs import simulated_log
 from quadpend_gym.core.files import read_toml
 from quadpend_gym.vehicles import VEHICLES, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import as_vehicle
-from quadpend_train.flights.flight_log import Columns, FlightLog, make_log
-from quadpend_train.flights.identify import QUANTITIES, identify, stretched
-from quadpend_train.flights.replay import compare, windows_of
+from quadpend_train.flight_logs.identify import QUANTITIES, identify, stretched
+from quadpend_train.flight_logs.log import Columns, FlightLog, make_log
+from quadpend_train.flight_logs.replay import compare, windows_of
 
 PATH, POLES = DOCS / "identification/simulated.csv", DOCS / "identification/poles.csv"
 FLIGHTS = {"upright": (1.0,), "hanging": (-1.0,), "none, upright": (0.0, 1.0), "none, hanging": (0.0, -1.0)}

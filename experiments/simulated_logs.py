@@ -17,8 +17,8 @@ from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUS
 from quadpend_gym.physics.rigid_settings import nominal_loop, pack_rigid
 from quadpend_gym.physics.state import STATE_SIZE, TORQUE, State
 from quadpend_gym.vehicles import RateLoop, Simulation, Vehicle, hover_thrusts, mixing, rotors_of
-from quadpend_train.flights.flight_log import FlightLog, pole_motion, smoothed_derivative
-from quadpend_train.flights.replay import rotor_actions, spin_up_torque, without_pole
+from quadpend_train.flight_logs.log import FlightLog, pole_motion, smoothed_derivative
+from quadpend_train.flight_logs.replay import rotor_actions, spin_up_torque, without_pole
 
 DURATION, _CONTROL = 60.0, 0.005  # s
 _AMPLITUDES = np.array([[1.5, 1.2, 0.5], [0.15, 0.15, 0.12]])  # m: slow and quick

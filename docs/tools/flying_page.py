@@ -33,7 +33,7 @@ from quadpend_gym.scenarios.scenario import wind_models
 from quadpend_gym.viewer.snapshot import shape_of
 from quadpend_train.export import to_c
 from quadpend_train.policies.loading import load_policy
-from quadpend_train.reports import html_page, replay
+from quadpend_train.reports import html_page, recorded_episodes
 
 FOLDER = Path(__file__).with_name("flying")
 # Each vehicle's scenario, for which its policies are designed, and the policies; the last one is the best network. The
@@ -180,7 +180,7 @@ def _page_data(vehicle: str) -> dict[str, Any]:
         "wind": {"force": wind.force, "decay": float(np.exp(-scenario.simulation.period / wind.time_constant))},
         "limits": [np.cos(limits.pendulum_angle), np.cos(limits.body_angle), limits.tracking_error],
         "rod_length": parameters.rod_length,
-        "shape": replay.shape_data(shape_of(scenario.vehicle)),
+        "shape": recorded_episodes.shape_data(shape_of(scenario.vehicle)),
         "wasm": base64.b64encode(gzip.compress((FOLDER / f"{vehicle}.wasm").read_bytes(), 9, mtime=0)).decode(),
     }
 

@@ -50,11 +50,11 @@ COMMANDS = {
         "Train a learned policy again from its card, and report whether the weights are the same.",
     ),
     "replay": (
-        "flights.replay",
+        "flight_logs.replay",
         "Fly vehicles open loop under the motor commands of a flight log, and compare them with the log.",
     ),
     "identify": (
-        "flights.identify",
+        "flight_logs.identify",
         "Identify a vehicle from flight logs, and write its file and scenarios for training.",
     ),
     "tune": (

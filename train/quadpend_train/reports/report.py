@@ -9,7 +9,7 @@ from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.metrics import summary_table
 from quadpend_train.reports import figures, html_page, tables
-from quadpend_train.reports.replay import record_replay
+from quadpend_train.reports.recorded_episodes import record_replay
 
 FILES = ("report.html", "comparison.csv", "comparison.md", "episodes.csv", "comparison.png")
 

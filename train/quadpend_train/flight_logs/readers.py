@@ -11,7 +11,7 @@ import pandas as pd
 
 from quadpend_gym.core.files import read_toml
 from quadpend_train.common.text import brief
-from quadpend_train.flights.flight_log import DEFAULT, Columns, FlightLog, make_log
+from quadpend_train.flight_logs.log import DEFAULT, Columns, FlightLog, make_log
 
 # Motors in the order front left, back left, back right, front right of the presets in X layout.
 PX4 = Columns(

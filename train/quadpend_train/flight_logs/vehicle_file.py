@@ -11,7 +11,7 @@ import numpy as np
 
 from quadpend_gym.vehicles import Vehicle, rotors_of
 from quadpend_train.common.files import write_text
-from quadpend_train.flights.identify import POLE, QUANTITIES, Estimate, Identification
+from quadpend_train.flight_logs.identify import POLE, QUANTITIES, Estimate, Identification
 
 _UNKNOWN = 0.3  # half width of the range of what the logs do not show, as a share
 _LEAST = 0.02  # half width of every range: models are not exact

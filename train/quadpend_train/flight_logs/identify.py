@@ -44,8 +44,8 @@ from scipy.stats import t as student
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.vehicles import Drag, Pole, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import FASTEST_LOOP
-from quadpend_train.flights.flight_log import FlightLog, rate_of_attitude, smoothed_derivative
-from quadpend_train.flights.replay import Windows, errors, fly, hover_coefficient, windows_of, without_pole
+from quadpend_train.flight_logs.log import FlightLog, rate_of_attitude, smoothed_derivative
+from quadpend_train.flight_logs.replay import Windows, errors, fly, hover_coefficient, windows_of, without_pole
 
 TRAINING = 0.7  # share of each log for the fit; the rest is held out
 _HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 20  # s, s; times in a window at which errors count

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.files import read_toml
-from quadpend_train.flights.flight_log import DEFAULT, Columns, make_log
-from quadpend_train.flights.readers import read_log
+from quadpend_train.flight_logs.log import DEFAULT, Columns, make_log
+from quadpend_train.flight_logs.readers import read_log
 from tests.quadpend_train.cli.test_commands import refused
 
 ROWS = 300

@@ -14,11 +14,11 @@ from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.vehicles import Vehicle
 from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.cli.main import main
-from quadpend_train.flights.flight_log import Columns, FlightLog, make_log, pole_motion
-from quadpend_train.flights.identify import Identification, check_log, identify
-from quadpend_train.flights.readers import PX4, read_log
-from quadpend_train.flights.replay import compare, errors, fly, windows_of, without_pole
-from quadpend_train.flights.vehicle_file import write_vehicle
+from quadpend_train.flight_logs.identify import Identification, check_log, identify
+from quadpend_train.flight_logs.log import Columns, FlightLog, make_log, pole_motion
+from quadpend_train.flight_logs.readers import PX4, read_log
+from quadpend_train.flight_logs.replay import compare, errors, fly, windows_of, without_pole
+from quadpend_train.flight_logs.vehicle_file import write_vehicle
 
 SEED = 1
 EXACT = Noise(position=0.0, attitude=0.0, rate=0.0, motors=0.0, pole=0.0, delay=0.0, rate_of_log=200.0)

@@ -17,7 +17,7 @@ from quadpend_gym.physics.plants import RigidPlant
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
 from quadpend_gym.physics.state import DIRECTION, STATE_SIZE, TORQUE, State
 from quadpend_gym.vehicles import Pole, RateLoop, Rotors, Simulation, Vehicle, hover_thrusts, rotors_of
-from quadpend_train.flights.flight_log import FlightLog
+from quadpend_train.flight_logs.log import FlightLog
 from quadpend_train.reports.figures import add_axes, add_legend, colour, line, new_figure, write_png
 
 CHANNELS = {"position": "mm", "velocity": "mm/s", "attitude": "°", "rate": "°/s", "pole": "°"}

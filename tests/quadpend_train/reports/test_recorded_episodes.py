@@ -13,7 +13,7 @@ from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.metrics import cells
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.reports.html_page import write
-from quadpend_train.reports.replay import choose_episodes, choose_policies, record_replay, sampled_steps
+from quadpend_train.reports.recorded_episodes import choose_episodes, choose_policies, record_replay, sampled_steps
 from tests.helpers.browser import Browser, start
 from tests.helpers.policies import synthetic_comparison, synthetic_results
 

@@ -29,8 +29,8 @@ def replay(
         out: Picture of the errors over the horizon (.png).
     """
     from quadpend_gym.vehicles.vehicle import as_vehicle
-    from quadpend_train.flights.readers import read_log
-    from quadpend_train.flights.replay import compare, draw, table
+    from quadpend_train.flight_logs.readers import read_log
+    from quadpend_train.flight_logs.replay import compare, draw, table
 
     read = read_log(log, columns)
     found = compare(read, {name: as_vehicle(name) for name in vehicle}, horizon, delay)
@@ -58,10 +58,10 @@ def identify(
     """
     from quadpend_gym.vehicles import Simulation, doubts
     from quadpend_gym.vehicles.vehicle import as_vehicle
-    from quadpend_train.flights.identify import identify as identify_from
-    from quadpend_train.flights.readers import read_log
-    from quadpend_train.flights.replay import compare, table
-    from quadpend_train.flights.vehicle_file import SETTINGS, write_vehicle
+    from quadpend_train.flight_logs.identify import identify as identify_from
+    from quadpend_train.flight_logs.readers import read_log
+    from quadpend_train.flight_logs.replay import compare, table
+    from quadpend_train.flight_logs.vehicle_file import SETTINGS, write_vehicle
 
     start = as_vehicle(vehicle)
     found = identify_from([read_log(path, columns) for path in logs], start)
