@@ -35,8 +35,8 @@ def split_text(text: str, sign: str) -> list[str]:
 
 
 def _exists(path: str) -> bool:
-    """Return whether there is a file or folder of this name, also without ":member" behind or "c:" before it."""
-    return any(map(os.path.exists, (path, path.rpartition(":")[0], path.removeprefix("c:"))))
+    """Return whether there is a file or folder of this name, without ":member" behind or "lqg:" before it."""
+    return any(map(os.path.exists, (path, path.rpartition(":")[0], re.sub(r"^[\w-]+:", "", path))))
 
 
 def split_name(text: str) -> tuple[str, str]:

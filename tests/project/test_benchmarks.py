@@ -40,27 +40,6 @@ def test_speed_writes_a_rate_for_every_environment(brief: None, page: Path, monk
     assert re.search(r"\| two threads / one, 4 sub-environments \| [\d.]+ × \|", text)
 
 
-def test_peers_write_a_rate_for_every_contender(brief: None, page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(peers, "NUM_VEHICLES", (2,))
-    monkeypatch.setattr(peers, "find_spec", lambda name: name)
-    monkeypatch.setattr(peers.os, "sched_setaffinity", lambda process, cores: None)
-    ours = {name: make for name, make in peers.CONTENDERS.items() if name.startswith("quadpend")}
-    monkeypatch.setattr(peers, "CONTENDERS", ours)
-    peers.main()
-    rows = re.findall(r"\| (quadpend-gym, .*) \| [\d,.]+ \|", page.read_text(encoding="utf-8"))
-    assert rows == [*ours]
-
-
-def test_peers_that_are_not_installed_are_skipped(
-    page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = page.read_text(encoding="utf-8")
-    monkeypatch.setattr(peers, "find_spec", lambda name: None)
-    peers.main()
-    assert "Skipped, since crazyflow and rotorpy" in capsys.readouterr().out
-    assert page.read_text(encoding="utf-8") == before
-
-
 def test_golden_hashes_are_repeatable_and_a_different_hash_is_reported(tmp_path: Path) -> None:
     names = {
         "environments": "QuadPendulumHover-v0, everything, single",

@@ -35,13 +35,3 @@ def test_every_equation_of_motion_has_one_definition() -> None:
     # The derivative of a Taylor series has the name of that of a motion.
     found["derivative"].remove("baselines/quadpend_baselines/modelling/taylor.py")
     assert {name: found[name] for name in expected} == expected
-
-
-def test_no_other_engine_computes_an_attitude() -> None:
-    """Torch and CasADi need sines and cosines to turn a thrust; only `engines` has them."""
-    for path, tree in sources().items():
-        if path.startswith("quadpend_gym/engines/"):
-            continue
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-                assert not (node.value.id in ("ca", "casadi", "torch") and node.attr in ("sin", "cos", "tan")), path

@@ -29,12 +29,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_code_on_the_pages_is_the_example() -> None:
-    text = (ROOT / "docs/your-own-wind.md").read_text(encoding="utf-8")
-    assert f"```python\n{(EXAMPLES / 'turning.py').read_text(encoding='utf-8')}```" in text
-    assert "(examples/mine.py)" in (ROOT / "docs/your-own-controller.md").read_text(encoding="utf-8")
-
-
 def test_one_command_ranks_the_example_in_a_report_with_a_replay(folder: Path) -> None:
     scenarios = ['calm={"duration": 1.0}', 'turning={"wind": "turning:TurningForce", "duration": 1.0}']
     policies = ["mine:MyController", "flatness", "adrc-paper"]

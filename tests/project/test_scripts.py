@@ -1,6 +1,7 @@
 """The scripts in `train/` and `docs/examples/` run without changes, with fewer steps."""
 
 import runpy
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -45,3 +46,14 @@ def test_sac_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path
 
 def test_the_loop_in_the_manner_of_cleanrl_trains(run_script: Run) -> None:
     assert "update 0: mean length of an episode" in run_script("docs/examples/ppo_as_in_cleanrl.py", "--updates", "1")
+
+
+def test_a_script_runs_as_train_py_beside_folders_with_the_names_of_our_packages(tmp_path: Path) -> None:
+    for package in ("baselines", "benchmarks", "tests"):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").touch()
+    script = (ROOT / "train/ppo.py").read_text(encoding="utf-8")
+    assert "default=3_000_000" in script
+    (tmp_path / "train.py").write_text(script.replace("default=3_000_000", "default=64"), encoding="utf-8")
+    ran = subprocess.run([sys.executable, "train.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr

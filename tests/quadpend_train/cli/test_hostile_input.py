@@ -3,13 +3,15 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from quadpend_gym.core.factories import split_name
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import named_policies
-from quadpend_train.policies.loading import load_policies
+from quadpend_train.policies.loading import load_policies, load_policy
 from tests.helpers.policies import mlp_policy
 from tests.helpers.scenarios import shorten_scenarios
 from tests.quadpend_train.cli.test_commands import refused
@@ -85,6 +87,9 @@ def test_an_existing_path_is_taken_as_it_is(capsys: pytest.CaptureFixture[str]) 
     }
     assert [len(load_policies(name)) for name in (*paths, ",".join(paths[2:]), "lqr,lqi")] == [1, 1, 1, 1, 2, 2]
     main(["card", paths[2]])
+    Path("a,b/g=1.json").write_text('{"gains": {}}')
+    (tuned,) = load_policies(split_name("mine=lqr:a,b/g=1.json")[1])
+    assert np.array_equal(tuned.predict(np.ones(36))[0], load_policy("lqr").predict(np.ones(36))[0])
     Path("my@lab,a=b.toml").write_text('wind = "windy"\n')
     (own,) = find_scenarios("my@lab,a=b.toml").values()
     assert find_scenarios(["x=my@lab,a=b.toml", "my@lab,a=b.toml:my@lab,a=b"]) == {"x": own, own.name: own}

@@ -55,47 +55,35 @@ READ = {  # files that say the same in another form
     "trailing comma everywhere": TEXT.replace(b"\n", b",\n"),
     "byte order mark": b"\xef\xbb\xbf" + TEXT,
     "CRLF": TEXT.replace(b"\n", b"\r\n"),
-    "blank lines": TEXT.replace(b"\n", b"\n\n"),
     "spaces": b" " + TEXT.replace(b",", b" , "),
     "quoted": csv(quoting=1),
-    "index column": csv(index=True),
     "other column twice": b"a,a," + TEXT.replace(b"\n", b"\n0,0,").rstrip(b",0"),
-    "reordered": csv(lambda table: table[sorted(table)]),
     "text in another column": csv(lambda table: table.assign(mode="OFFBOARD")),
-    "negative time": stamps(lambda time: time - 100.0),
     "large time": stamps(lambda time: time + 1.7e9),
     "rows twice": csv(lambda table: pd.concat([table, table[100:200]]).sort_values("time")),
     "wraps at 2^32 us": stamps(lambda time: ((time + 4293.5) * 1e6).round() % 2**32 / 1e6),
     "wraps at 2^32 ms": stamps(lambda time: ((time + 4294966.0) * 1e3).round() % 2**32 / 1e3),
     "wraps at 2^16 ms": stamps(lambda time: ((time + 64.0) * 1e3).round() % 2**16 / 1e3),
-    "wraps at 2^24 ms": stamps(lambda time: ((time + 16776.0) * 1e3).round() % 2**24 / 1e3),
     "wraps below zero": stamps(lambda time: ((time + 2146.0) * 1e6).round().astype(np.int64).astype(np.int32) / 1e6),
 }
 WITHOUT = {  # files without one complete row
     "first stamp": (at("time", np.nan, 0), 0),
-    "last stamp": (at("time", np.nan, 299), 299),
     "end of the last row": (TEXT[:-30], 299),
     "cell": (at("motor2", np.nan, 7), 7),
 }
 REFUSED = {
     "empty": (b"", "No columns"),
-    "blank": (b"\n\n", "No columns"),
     "names alone": (
         HEAD,
         "ten complete rows.* not 0 with 0 time stamps in seconds 0 to 1e.09; its column 'time' has 0",
     ),
     "one row": (csv(lambda table: table[:1]), "not 1 with"),
-    "nine rows": (csv(lambda table: table[:9]), "not 9 with"),
     "ten rows": (csv(lambda table: table[:10]), "longer than 0.1 s"),
     "no names": (BODY, "no column 'time'; name its columns, which are '0.0'"),
-    "upper case": (TEXT.upper(), "no column 'time'; name its columns, which are 'TIME', 'X'"),
     "no motor4": (csv(lambda table: table.drop(columns="motor4")), "no column 'motor4' .*motor"),
     "x twice": (TEXT.replace(b",y,", b",x,"), "two columns 'x'"),
     "semicolons": (csv(sep=";"), "no column 'time'.* 'time;x;y"),
-    "tabs": (csv(sep="\t"), "no column 'time'"),
     "decimal commas": (HEAD + b"\n" + BODY.replace(b".", b","), "rows of as many numbers"),
-    "decimal commas, semicolons": (csv(sep=";", decimal=","), "rows of as many numbers"),
-    "leading comma": (HEAD + b"\n," + BODY.replace(b"\n", b"\n,"), "rows of as many numbers"),
     "one long row": (
         TEXT.replace(b"\n", b",7\n", 9).replace(b",7\n", b"\n", 8),
         "Expected 18 fields in line 9, saw 19",
@@ -104,9 +92,7 @@ REFUSED = {
     "UTF-16": (TEXT.decode().encode("utf-16"), "UTF-8.*codec"),
     "latin-1": ("höhe,".encode("latin-1") + TEXT, "UTF-8.*codec"),
     "text": (at("x", "lost", 6), "'lost' in column 'x' of row 7"),
-    "names again": (TEXT + TEXT, "'time' in column 'time' of row 301"),
     "zero bytes at the end": (TEXT + b"\0" * 50, "zero bytes in row 301; cut it there"),
-    "thousands": (at("motor1", "1,500"), "'1,500' in column 'motor1' of row 1"),
     "inf": (at("x", np.inf, 6), "'inf' in column 'x' of row 7"),
     "huge": (at("motor2", 1e300, 6), r"'1e\+300' in column 'motor2' of row 7"),
     "empty column": (at("vz", np.nan), "column 'vz' has 0 numbers"),
@@ -116,10 +102,7 @@ REFUSED = {
         "'2026-01-01.*'time' of row 1",
     ),
     "same stamp": (at("time", 5.0), "300 with 1 time stamp"),
-    "coarse stamps": (stamps(lambda time: time.round(1)), "300 with 31 time stamps"),
     "milliseconds": (stamps(lambda time: time * 1e3), "every 10 s; check its time_unit, which is 's'"),
-    "microseconds": (stamps(lambda time: time * 1e6), "every 10000 s"),
-    "nanoseconds": (stamps(lambda time: time * 1e9), "every 1e.07 s"),
     "backwards": (csv(lambda table: table[::-1]), "row 2 goes back from 2.99 to 2.98 s"),
     "two flights": (TEXT + BODY, "row 301 goes back from 2.99 to 0 s; split"),
     "wraps in a gap": (stamps(lambda time: np.where(time > 1.5, time - 1000.0, time)), "row 152 goes back"),
@@ -129,10 +112,9 @@ REFUSED = {
     "a motor at rest": (at("motor3", 0.0), "its motor 'motor3' never turns"),
     "no motion": (csv(lambda table: table.assign(x=0.0, y=0.0, z=1.0)), "its position never changes"),
     "cut gzip": (gzip.compress(TEXT)[:-99], "rows of as many numbers"),
-    "not gzip": (TEXT, "ot a gzip"),
     "picture": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 9, "cannot be read"),
 }
-SUFFIX = {"cut gzip": ".csv.gz", "not gzip": ".csv.gz"}
+SUFFIX = {"cut gzip": ".csv.gz"}
 
 
 @pytest.mark.parametrize("case", READ)
