@@ -12,7 +12,7 @@ by ``function.factory``, for example the Jacobian of the next state with respect
 | action | 4 | components in [−1, 1], of the simulation's interface |
 | wind | 12 | d_Q, d_B (N), d_τ (N·m), air velocity (m/s), `quadpend_gym.wind`; constant during a control period |
 | parameters | 9 | `Parameters.as_array` |
-| loop | 7 + s | of an episode with a drawn loop: `rigid_settings.LOOP_SIZE` numbers, and `Schedule.ages` |
+| loop | 10 + s | of an episode with a drawn loop: `rigid_settings.LOOP_SIZE` numbers, and `Schedule.ages` |
 | point | 24 | derivatives of order 0 to 6 of (F_x, F_y, z), and of order 0 to 2 of ψ; `ReferencePoint` |
 """
 

@@ -32,7 +32,7 @@ class Schedule:
             issued, shape (s, n); 0 is the action of this control step.
         slots: Number of actions that can act in a control period, this one included.
         jitter: j, substeps.
-        loops: Numbers of each loop for the step kernel (`rigid_settings.LOOP_SIZE`), shape (7, n).
+        loops: Numbers of each loop for the step kernel (`rigid_settings.LOOP_SIZE`), shape (10, n).
         drawn: The constants of the episodes in the order of `LOOP_NAMES`, shape (4, n); the latency in s.
     """
 

@@ -34,7 +34,7 @@ from quadpend_gym.physics.dynamics import thrust_axis
 from quadpend_gym.physics.euler_kernel import (
     BLOCK,
     DIVERGENCE_LIMIT,
-    LOOP_THRUST,
+    LOOP_EFFICIENCY,
     THRUST_AXIS,
     commanded,
     gather,
@@ -226,8 +226,9 @@ def _run(
         elif rigid is None:
             for lane in range(lanes):
                 store(state_lanes, THRUST_AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
-                hover = commanded(load_four(action_lanes, 0, lane), task.command_scale, loop_lanes[LOOP_THRUST, lane])
-                store_four(command_lanes, 0, lane, hover)
+                efficiency = load_four(loop_lanes, LOOP_EFFICIENCY, lane)
+                command = commanded(load_four(action_lanes, 0, lane), task.command_scale, efficiency)
+                store_four(command_lanes, 0, lane, command)
         else:
             for lane in range(lanes):
                 store_present(state_lanes, with_loop(rigid, loop_lanes, lane), lane, command_lanes)
@@ -298,7 +299,7 @@ def run_euler(
             sensors have changed the state in these rows.
         action: Shape (n, 4), each component in [−1, 1]; the reward counts it, even where it acts later.
         ages: Control steps since the action that acts in each substep was issued, shape (s, n).
-        loops: Numbers of the loop, shape (7, n), see `rigid_settings`.
+        loops: Numbers of the loop, shape (10, n), see `rigid_settings`.
         trajectories: `TrajectoryTable.numbers`.
         settings: A packed `KernelSettings`.
         diverged: Whether the state has diverged since the last `MEASURE`, shape (n,), changed in place.

@@ -20,7 +20,7 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors
 from quadpend_gym.physics.rigid_settings import make_rigid_settings, pack_rigid, unpack_rigid
-from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, allocate, clip, clip4, thrusts_after
+from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, allocate, clip, clip4, thrusts_after, wrench_of
 from quadpend_gym.physics.vectors import (
     Vec3,
     add,
@@ -32,7 +32,6 @@ from quadpend_gym.physics.vectors import (
     load,
     load_four,
     minus4,
-    multiply,
     store_four,
 )
 from quadpend_gym.vehicles import Simulation, hover_wrench
@@ -75,11 +74,11 @@ def _rigid_actions(
     for row in range(command.shape[0]):
         demanded = load_four(command.T, 0, row)
         if rotors.has_rotors > 0.0:
-            demanded = multiply(rotors.mixing, allocate(demanded, rotors))
+            demanded = wrench_of(allocate(demanded, rotors), rotors)
         else:
             demanded = clip4(demanded, rotors.lowest, rotors.highest)
         thrusts = load_four(rigid.T, ROTOR_THRUST, row)
-        now = multiply(rotors.mixing, thrusts)
+        now = wrench_of(thrusts, rotors)
         wrench = axpy4(response[0], minus4(demanded, now), now)
         for i in range(4):
             out[row, i] = clip((wrench[i] - hover[i]) / scales[i], -1.0, 1.0)
@@ -124,7 +123,7 @@ def _mean_wrench(
             wanted = command_rotors(given, now, omega, settings)
             store_four(thrusts.T, 0, row, thrusts_after(now, wanted, rotors.rise.z, rotors.fall.z))
             middle = thrusts_after(now, wanted, rotors.rise.y, rotors.fall.y)
-            wrench = multiply(rotors.mixing, middle)
+            wrench = wrench_of(middle, rotors)
             for i in range(4):
                 mean[row, i] += wrench[i] / substeps
             torque = axpy(-1.0, trim, Vec3(wrench.b, wrench.c, wrench.d))

@@ -58,12 +58,11 @@ from quadpend_gym.physics.vectors import (
     scale,
     store,
     store_four,
-    times,
 )
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 BLOCK = 64  # sub-environments in a block
-LOOP_THRUST = 0  # thrust and torques that act, divided by those that the same command makes in the nominal loop
+LOOP_EFFICIENCY = 0  # first of four rows of `loops`: thrust and torques that act, divided by the nominal ones
 # In the (field, lane) buffers, the thrust axis follows the state.
 THRUST_AXIS = STATE_SIZE
 LANE_STATE_SIZE = STATE_SIZE + 3
@@ -95,10 +94,10 @@ def find_acting(issued: Any, ages: Any, substep: int, lanes: int, out: Any) -> N
 
 
 @inlined
-def commanded(action: Four, command_scale: Four, thrust: float) -> Four:
-    """Return thrust (N) and torques (N·m) of an action, see `Simulation.command_scale`, times the factor `thrust`."""
-    s = times(thrust, command_scale)
-    return Four(s.a * (1.0 + action.a), s.b * action.b, s.c * action.c, s.d * action.d)
+def commanded(action: Four, s: Four, efficiency: Four) -> Four:
+    """Return thrust (N) and torques (N·m) of an action; s is `Simulation.command_scale`."""
+    full = Four(s.a * efficiency.a, s.b * efficiency.b, s.c * efficiency.c, s.d * efficiency.d)
+    return Four(full.a * (1.0 + action.a), full.b * action.b, full.c * action.c, full.d * action.d)
 
 
 @inlined
@@ -200,7 +199,7 @@ def integrate_euler(
 ) -> None:
     """Advance one block by a control period, in (field, lane) buffers; `state` has `LANE_STATE_SIZE` fields.
 
-    `issued` and `ages` are those of `find_acting`; the first row of `loops` has the factor of the thrust. The mean of
+    `issued` and `ages` are those of `find_acting`; `loops` begins with the efficiency. The mean of
     thrust (N) and torques (N·m) over the period is written into `command`.
     """
     acting = np.empty((ACTION_SIZE, state.shape[1]))
@@ -211,7 +210,7 @@ def integrate_euler(
         find_acting(issued, ages, substep, lanes, acting)
         share = 1.0 / (substep + 1.0)
         for lane in range(lanes):
-            wrench = commanded(load_four(acting, 0, lane), command_scale, loops[LOOP_THRUST, lane])
+            wrench = commanded(load_four(acting, 0, lane), command_scale, load_four(loops, LOOP_EFFICIENCY, lane))
             _substep(state, wrench, disturbance, physics, lane, period / substeps)
             add_mean(wrench, share, lane, command)
 

@@ -75,6 +75,7 @@ from quadpend_gym.physics.rotors import (
     rate_loop,
     thrusts_after,
     thrusts_from_hover,
+    wrench_of,
 )
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
@@ -98,7 +99,6 @@ from quadpend_gym.physics.vectors import (
     dot,
     load,
     load_four,
-    multiply,
     norm,
     scale,
     store,
@@ -128,7 +128,7 @@ def command_rotors(action: Four, thrusts: Four, rate: Vec3, rigid: RigidSettings
     thrust = scales.a * (1.0 + action.a)
     torque, trim = Vec3(scales.b * action.b, scales.c * action.c, scales.d * action.d), rigid.trim
     if rigid.interface == BODY_RATES:
-        present = multiply(rotors.mixing, thrusts)
+        present = wrench_of(thrusts, rotors)
         torque = rate_loop(rate, torque, axpy(-1.0, trim, Vec3(present.b, present.c, present.d)), rigid.loop)
     wrench = Four(thrust, torque.x + trim.x, torque.y + trim.y, torque.z + trim.z)
     if rotors.has_rotors == 0.0:
@@ -150,7 +150,7 @@ def _prepare(state: Any, action: Four, velocity: Any, rigid: RigidSettings, lane
 
 @inlined
 def _wrench(thrusts: Four, rigid: RigidSettings) -> Wrench:
-    v = multiply(rigid.rotors.mixing, thrusts)
+    v = wrench_of(thrusts, rigid.rotors)
     return Wrench(v.a, Vec3(v.b, v.c, v.d))
 
 
@@ -227,7 +227,7 @@ def store_outputs(state: Any, lane: int) -> None:
 def store_present(state: Any, rigid: RigidSettings, lane: int, command: Any) -> None:
     """Write the thrust axis, and the thrust (N) and the torques (N·m) of the rotors at this moment into `command`."""
     store(state, THRUST_AXIS, lane, rotation_matrix(_load_quaternion(state, lane)).z)
-    store_four(command, 0, lane, multiply(rigid.rotors.mixing, load_four(state, _ROTOR_THRUST, lane)))
+    store_four(command, 0, lane, wrench_of(load_four(state, _ROTOR_THRUST, lane), rigid.rotors))
 
 
 @inlined
@@ -291,7 +291,7 @@ def advance_rigid(
 ) -> None:
     """Advance n states and their memories, shape (n, 11), in place by one period, see `RigidPlant.advance`.
 
-    `packed` is a packed `RigidSettings`; `loop` has the numbers of `with_loop`, shape (7,).
+    `packed` is a packed `RigidSettings`; `loop` has the numbers of `with_loop`, shape (10,).
     """
     rigid = unpack_rigid(packed)
     state_lanes, issued, loops = (

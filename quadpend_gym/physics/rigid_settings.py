@@ -9,14 +9,14 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics import rotors as codes
-from quadpend_gym.physics.euler_kernel import LOOP_THRUST
+from quadpend_gym.physics.euler_kernel import LOOP_EFFICIENCY
 from quadpend_gym.physics.rotors import RateLoopSettings, RotorSettings, rate_loop_gains
-from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, times
+from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, load_four
 from quadpend_gym.vehicles import Simulation, hover_wrench, mixing
 
 # Numbers of a vehicle and its interface that may differ from one episode to another, see `randomization.LoopRanges`:
-# `LOOP_THRUST`; both gains of `RateLoopSettings`; the last two shares of `RotorSettings.rise` and those of `fall`.
-_RATE_GAIN, _TORQUE_GAIN, _RISE, _FALL, LOOP_SIZE = 1, 2, 3, 5, 7
+# `RotorSettings.efficiency`; both gains of `RateLoopSettings`; the last two shares of `RotorSettings.rise` and `fall`.
+_RATE_GAIN, _TORQUE_GAIN, _RISE, _FALL, LOOP_SIZE = 4, 5, 6, 8, 10
 _CODES = {"wrench": codes.WRENCH, "body_rates": codes.BODY_RATES, "rotors": codes.ROTOR_THRUSTS}
 
 
@@ -42,11 +42,11 @@ unpack_rigid = unpacker(RigidSettings)
 @inlined
 def with_loop(rigid: RigidSettings, loops: Any, lane: int) -> RigidSettings:
     """Return the settings with the numbers in column `lane` of `loops`, see `LOOP_SIZE`."""
-    nominal, thrust = rigid.rotors, loops[LOOP_THRUST, lane]
-    a, b, c, d = nominal.mixing
+    nominal = rigid.rotors
     rotors = RotorSettings(
         nominal.has_rotors,
-        Matrix4(times(thrust, a), times(thrust, b), times(thrust, c), times(thrust, d)),
+        nominal.mixing,
+        load_four(loops, LOOP_EFFICIENCY, lane),
         nominal.unmixing,
         nominal.hover,
         nominal.lowest,
@@ -76,12 +76,12 @@ def loop_numbers(simulation: Simulation, rate_loop: float, rotor_lag: float, thr
     vehicle, step = simulation.vehicle, simulation.period / simulation.substeps
     lags = [rotor_lag * lag for lag in ((0.0, 0.0) if vehicle.rotors is None else vehicle.rotors.lags)]
     gains = rate_loop_gains(rate_loop * vehicle.rate_loop.time_constant, 0.5 * (lags[0] + lags[1]), step)
-    return [thrust, *gains, *_decays(lags[0], step)[1:], *_decays(lags[1], step)[1:]]
+    return [*(thrust,) * 4, *gains, *_decays(lags[0], step)[1:], *_decays(lags[1], step)[1:]]
 
 
 @lru_cache(maxsize=128)
 def nominal_loop(simulation: Simulation) -> Floats:
-    """Return the numbers of a loop without random constants, shape (7,); the paper's vehicle has the first only."""
+    """Return the numbers of a loop without random constants, shape (10,); the paper's vehicle has the efficiency only."""
     return np.array(loop_numbers(simulation, 1.0, 1.0, 1.0))
 
 
@@ -116,6 +116,7 @@ def make_rigid_settings(simulation: Simulation) -> RigidSettings:
     settings = RotorSettings(
         0.0 if rotors is None else 1.0,
         Matrix4(*(Four(*row) for row in forward.tolist())),
+        Four(1.0, 1.0, 1.0, 1.0),
         Matrix4(*(Four(*row) for row in backward.tolist())),
         Four(*(backward @ hover).tolist()),
         Four(*low.tolist()),

@@ -45,6 +45,7 @@ class RotorSettings(NamedTuple):
 
     has_rotors: float  # above zero if the vehicle has rotors
     mixing: Matrix4  # maps rotor thrusts (N) to thrust (N) and torques (N·m)
+    efficiency: Four  # thrusts that act, divided by those that the same command makes in the nominal loop
     unmixing: Matrix4  # its inverse
     hover: Four  # thrusts at hover, N
     lowest: Four  # lowest thrusts, N; without rotors the lowest thrust and torques
@@ -78,6 +79,14 @@ def rate_loop_gains(time_constant: float, lag: float, step: float) -> tuple[floa
     torque_gain = (1.0 + decay - 2.0 * pole - reach * rate_gain) / (1.0 - decay)
     is_slow = time_constant > slow
     return float(np.where(is_slow, alone, rate_gain)), float(np.where(is_slow, 0.0, torque_gain))
+
+
+@inlined
+def wrench_of(thrusts: Four, rotors: RotorSettings) -> Four:
+    """Return thrust (N) and torques (N·m) of rotor thrusts (N)."""
+    share = rotors.efficiency
+    acting = Four(share.a * thrusts.a, share.b * thrusts.b, share.c * thrusts.c, share.d * thrusts.d)
+    return multiply(rotors.mixing, acting)
 
 
 @inlined

@@ -60,8 +60,8 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.core.settings import settings
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
-from quadpend_gym.physics.rotors import allocate, clip4
-from quadpend_gym.physics.vectors import Four, Vec3, load, minus4, multiply, store, store_four
+from quadpend_gym.physics.rotors import allocate, clip4, wrench_of
+from quadpend_gym.physics.vectors import Four, Vec3, load, minus4, store, store_four
 
 _OUTPUTS = 3
 
@@ -194,7 +194,7 @@ def _attained(command: Four, scale: Four, rigid: RigidSettings | None) -> Four:
         return clip4(command, low, Four(2.0 * scale.a, scale.b, scale.c, scale.d))
     if rigid.rotors.has_rotors == 0.0:
         return clip4(command, rigid.rotors.lowest, rigid.rotors.highest)
-    return multiply(rigid.rotors.mixing, allocate(command, rigid.rotors))
+    return wrench_of(allocate(command, rigid.rotors), rigid.rotors)
 
 
 @inlined
