@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.plants import RigidPlant
-from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST, advance_rigid
-from quadpend_gym.physics.rigid_settings import nominal_loop, pack_rigid
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
 from quadpend_gym.physics.state import STATE_SIZE, TORQUE, State
 from quadpend_gym.vehicles import RateLoop, Simulation, Vehicle, hover_thrusts, mixing, rotors_of
 from quadpend_train.flight_logs.log import FlightLog, pole_motion, smoothed_derivative
@@ -92,7 +91,6 @@ def simulated_log(
     view.direction[:, 2] = side or 1.0
     view.velocity[:] = manoeuvre(0.0, share)[1]
     memory, disturbance = plant.initial_memory(state), np.zeros((1, 9))
-    packed, loop = pack_rigid(plant.simulation), nominal_loop(plant.simulation)
     parameters = plant.simulation.parameters.as_array()[np.newaxis]
     steps = round(duration / _CONTROL)
     flown, commands = np.empty((steps, 16)), np.empty((steps, 4))
@@ -123,7 +121,7 @@ def simulated_log(
         commands[step] = (unmix @ wrench).clip(low, high)
         action = rotor_actions(commands[step], hover, (low, high))
         disturbance[:, TORQUE:] = spin_up_torque(memory, commands[step], rotors, rotors.thrust_coefficient, _CONTROL)
-        advance_rigid(state, memory, action[None], disturbance, parameters, packed, loop, _CONTROL, 1)
+        plant.advance(state, memory, action[None], disturbance, parameters)
     every = round(1.0 / (noise.rate_of_log * _CONTROL))
     late = round(noise.delay / _CONTROL)
     motion, motors = flown[: steps - late : every], np.sqrt(commands[late::every] / rotors.thrust_coefficient)

@@ -190,9 +190,7 @@ ROWS(move_rows, const real *x0, const real *queue0, const real *wind0, const rea
       move(x, acting, force, air, p, after);
       for (int f = 0; f < N_X; ++f) x[f] = after[f];
     }
-#if N_RIGID
     outputs(x, x + 6);
-#endif
     STORE(x1, x, N_X);
   }
 }
@@ -209,11 +207,9 @@ ROWS(move_rows_back, const real *path, const real *x1, const real *queue0, const
     LOAD(bar, bar1, N_X);
     for (int f = 0; f < 9; ++f) total[f] = 0;
     for (int f = 0; f < 4 * N_SLOTS; ++f) bar_queue[f] = 0;
-#if N_RIGID
     LOAD(x, x1, N_X);
     outputs_back(x, bar + 6, before);
     for (int f = 0; f < N_X; ++f) bar[f] = (f < 6 || f >= 12 ? bar[f] : 0) + before[f];
-#endif
     LOAD(x, path, N_X);
     drag(x, wind, p, force, air);
     ROLLED

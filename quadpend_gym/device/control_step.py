@@ -24,19 +24,18 @@ import numpy as np
 
 from quadpend_gym.core import streams
 from quadpend_gym.core.delays import delay, hold
-from quadpend_gym.engines.functions import actions_under_way
+from quadpend_gym.engines.functions import actions_under_way, plant_lanes
 from quadpend_gym.engines.lifting import columns, lift, lift_model, rows, vector
 from quadpend_gym.engines.scalar_c import scalar_c
 from quadpend_gym.envs import step_kernel
 from quadpend_gym.envs.kernel_layout import make_limits, make_weights
 from quadpend_gym.envs.loops import JITTER_STREAM, Schedule, lateness
-from quadpend_gym.physics import rigid_kernel
-from quadpend_gym.physics.attitude import Quaternion, rotation_matrix
 from quadpend_gym.physics.drag import add_drag
-from quadpend_gym.physics.dynamics import load_physics, thrust_axis
-from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, THRUST_AXIS, integrate_euler
+from quadpend_gym.physics.dynamics import load_physics
+from quadpend_gym.physics.plant_kernel import LANE_STATE_SIZE, LOOP_SIZE
 from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.physics.rigid_settings import LOOP_SIZE, loop_numbers, nominal_loop
+from quadpend_gym.physics.rigid_kernel import store_outputs
+from quadpend_gym.physics.rigid_settings import loop_numbers, nominal_loop
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     COMMAND_SIZE,
@@ -46,7 +45,7 @@ from quadpend_gym.physics.state import (
     EULER,
     STATE_SIZE,
 )
-from quadpend_gym.physics.vectors import Four, load, store
+from quadpend_gym.physics.vectors import load
 from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks import rewards
@@ -148,13 +147,13 @@ class _Generator:
             raise ValueError("device: the generated kernel does not draw loop.rotor_lag: leave it out")
         if not isinstance(self.task.trajectory, Reference | None):
             raise ValueError("device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference")
-        self.rigid = plant_of(self.simulation).settings
+        self.plant = plant_of(self.simulation)
         self.loop = None if scenario.loop is None else Schedule(scenario.loop, self.simulation, 1)
         self.moves_air = any(model.moves_air for model in scenario.wind_models)
         count = actions_under_way(self.simulation, scenario.loop)
         models = scenario.actuators, scenario.wind_models, scenario.sensors
         sizes = {
-            "x": STATE_SIZE + plant_of(self.simulation).memory_size,
+            "x": STATE_SIZE + self.plant.memory_size,
             **{
                 name: sum(m.memory_size for m in part)
                 for name, part in zip(("act", "wind", "sense"), models, strict=True)
@@ -201,8 +200,6 @@ class _Generator:
             "substeps": self.simulation.substeps,
             "delay": self.simulation.delayed_substeps,
             "drawn": int(self.loop is not None),
-            "rigid": int(bool(self.rigid)),
-            "drag": int(bool(self.rigid) or self.moves_air),
             **{f"{name}_at": part.start for name, part in self.parts.items()},
         }
         defines = "".join(f"#define N_{name.upper()} {size}\n" for name, size in sizes.items())
@@ -266,8 +263,7 @@ class _Generator:
         arguments = task.start, pole, point, lift(load_physics)(physics, 0), state, 0
         lift(draw_start, draws.replaced)((streams.START_STREAM,), *arguments)
         x = list(state[:, 0])
-        if self.rigid:
-            x += list(lift(rigid_kernel.rigid_from_state)(rows(x), simulation)[0])
+        x += list(lift(type(self.plant).initial_memory)(self.plant, rows(x))[0])
         step, period = self._step(0), simulation.period
         act = self._apply(draws, "act", lambda *_: None, ())
         wind = self._apply(draws, "wind", lambda *_: None, ())
@@ -316,47 +312,39 @@ class _Generator:
     def drag(self, x: Any, wind: Any, parameters: Any) -> tuple[Any, Any]:
         """Return forces and torque with drag, which are constant during a control period, and the air's velocity."""
         force, air = columns(wind[:DISTURBANCE_SIZE]), columns(wind[WIND_FIELDS["velocity"]])
-        if self.rigid or self.moves_air:
+        if self.plant.memory_size or self.moves_air:
             lift(add_drag)(lift(load)(air, 0, 0), columns(x), columns(parameters), 0, force)
         return vector(force), vector(air)
 
     def substep(self, x: Any, acting: Any, force: Any, air: Any, parameters: Any, loop: Any = None) -> Any:
         """Return x after a substep under the action that acts in it."""
         h, physics, disturbance = self.simulation.period / self.simulation.substeps, columns(parameters), columns(force)
-        loops = columns(nominal_loop(self.simulation) if self.loop is None else loop[:LOOP_SIZE])
-        flying = columns(acting), np.zeros((1, 1), object), loops, disturbance  # the action acts that is issued
-        last = 1, h, 1, columns([], COMMAND_SIZE)
-        if not self.rigid:
-            lanes, scale = columns(x, LANE_STATE_SIZE), Four(*self.simulation.command_scale.tolist())
-            lift(integrate_euler)(lanes, *flying, physics, scale, *last)
-            return vector(lanes[:STATE_SIZE])
-        lanes = self._lanes(x)
-        nothing = {add_drag: lambda *_: None, rigid_kernel.store_outputs: lambda *_: None}  # once in a control period
-        lift(rigid_kernel.integrate_rigid, nothing)(lanes, *flying, columns(air), physics, self.rigid, *last)
-        return ca.vertcat(vector(lanes[:STATE_SIZE]), vector(lanes[rigid_kernel.RIGID :][: rigid_kernel.RIGID_SIZE]))
+        loops = columns(nominal_loop(self.simulation) if self.loop is None else loop[:LOOP_SIZE], LOOP_SIZE + 1)
+        loops[LOOP_SIZE, 0] = 0.0  # the action acts that is issued
+        lanes, plant = self._lanes(x), self.plant
+        flying = lanes, columns(acting), loops, disturbance, columns(air), physics, plant.settings()
+        nothing = dict.fromkeys((add_drag, store_outputs), lambda *_: None)  # once in a control period
+        lift(plant.kernel.integrate, nothing)(*flying, 1, h, 1, columns([], COMMAND_SIZE))
+        own = lanes[LANE_STATE_SIZE : LANE_STATE_SIZE + plant.memory_size]
+        return ca.vertcat(vector(lanes[:STATE_SIZE]), vector(own))
 
     def _lanes(self, x: Any) -> Any:
-        axis = ca.SX(LANE_STATE_SIZE - STATE_SIZE, 1)
-        return columns(ca.vertcat(x[:STATE_SIZE], axis, x[STATE_SIZE:]), rigid_kernel.RIGID_LANE_SIZE)
+        return plant_lanes(self.simulation, x[:STATE_SIZE], x[STATE_SIZE:])
 
     def outputs(self, x: Any) -> Any:
-        """Return a rigid vehicle's Euler angles and their rates."""
+        """Return the Euler angles and their rates, which those of a rigid vehicle's body follow."""
         lanes = self._lanes(x)
-        lift(rigid_kernel.store_outputs)(lanes, 0)
+        lift(self.plant.kernel.store_outputs)(lanes, 0)
         return vector(lanes[EULER:DIRECTION])
 
     def _finish(self, draws: _Draws, x: Any, issued: Any) -> dict[str, Any]:
         """Return what follows from the motion: the state, the observation, the reward and whether the episode ends."""
         simulation, task, before = self.simulation, self.task, self._part("x")
-        after = ca.vertcat(x[:EULER], self.outputs(x), x[DIRECTION:]) if self.rigid else x
+        after = ca.vertcat(x[:EULER], self.outputs(x), x[DIRECTION:])
         lost = lift(step_kernel.has_diverged)(columns(after[:STATE_SIZE]), 0)
         after = ca.if_else(lost, before, after)
-        lanes, parameters = columns(after[:STATE_SIZE], LANE_STATE_SIZE), self._part("parameters")
-        if self.rigid:
-            axis = lift(rotation_matrix)(Quaternion(*ca.vertsplit(after[STATE_SIZE : STATE_SIZE + 4]))).z
-        else:
-            axis = lift(thrust_axis)(lift(load)(lanes, EULER, 0))
-        lift(store)(lanes, THRUST_AXIS, 0, axis)
+        lanes, parameters = self._lanes(after), self._part("parameters")
+        lift(self.plant.kernel.store_axis)(lanes, 0)
         time, reference = simulation.period * (draws.clock + 1), columns(self._part("reference"))
         point = lift(reference_at)(reference, 0, time)
         rod_length = parameters[ROD_LENGTH]
@@ -387,9 +375,8 @@ class _Generator:
         functions = [
             ("drag", {"x": x, "wind": wind, "p": p}, {"force": force, "air": air}, ["x"]),
             ("move", {**arguments, "p": p}, {"x": move}, ["x", "acting", "force"]),
+            ("outputs", {"x": x}, {"euler": self.outputs(x)}, ["x"]),
         ]
-        if self.rigid:
-            functions.append(("outputs", {"x": x}, {"euler": self.outputs(x)}, ["x"]))
         text = ""
         for name, given, results, wanted in functions:
             text += self._c(name, None, given, **results)

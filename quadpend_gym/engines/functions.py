@@ -12,7 +12,7 @@ by ``function.factory``, for example the Jacobian of the next state with respect
 | action | 4 | components in [−1, 1], of the simulation's interface |
 | wind | 12 | d_Q, d_B (N), d_τ (N·m), air velocity (m/s), `quadpend_gym.wind`; constant during a control period |
 | parameters | 9 | `Parameters.as_array` |
-| loop | 10 + s | of an episode with a drawn loop: `rigid_settings.LOOP_SIZE` numbers, and `Schedule.ages` |
+| loop | 10 + s | of an episode with a drawn loop, see `Schedule.loops` |
 | point | 24 | derivatives of order 0 to 6 of (F_x, F_y, z), and of order 0 to 2 of ψ; `ReferencePoint` |
 """
 
@@ -26,11 +26,8 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines.lifting import columns, lift, vector
 from quadpend_gym.envs.kernel_layout import make_weights
 from quadpend_gym.envs.loops import Schedule
-from quadpend_gym.physics.drag import add_drag
-from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, integrate_euler
-from quadpend_gym.physics.plants import RigidPlant, plant_of
-from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, integrate_rigid
-from quadpend_gym.physics.rigid_settings import LOOP_SIZE
+from quadpend_gym.physics.plant_kernel import LANE_STATE_SIZE, LOOP_SIZE, acts_later
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     COMMAND_SIZE,
@@ -39,7 +36,7 @@ from quadpend_gym.physics.state import (
     DISTURBANCE_SIZE,
     STATE_SIZE,
 )
-from quadpend_gym.physics.vectors import Four, Vec3, load
+from quadpend_gym.physics.vectors import load
 from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.tasks.observation import (
     ALL,
@@ -48,7 +45,7 @@ from quadpend_gym.tasks.observation import (
     observe_state,
     tracking_errors,
 )
-from quadpend_gym.tasks.references import POINT_SIZE, REFERENCE_SIZE, ReferencePoint
+from quadpend_gym.tasks.references import POINT_SIZE, REFERENCE_SIZE, ReferencePoint, load_point
 from quadpend_gym.tasks.rewards import reward, reward_terms
 from quadpend_gym.tasks.task import Task
 from quadpend_gym.tasks.trajectories import reference_at
@@ -76,6 +73,12 @@ def _function(name: str, arguments: dict[str, Any], **results: Any) -> Any:
     return ca.Function(name, {**arguments, **results}, list(arguments), list(results))
 
 
+def plant_lanes(simulation: Simulation, state: Any, memory: Any) -> Any:
+    """Return the (field, lane) buffer of a vehicle for `PlantKernel.integrate`, from vectors of CasADi."""
+    axis = ca.SX(LANE_STATE_SIZE - STATE_SIZE, 1)
+    return columns(ca.vertcat(state, axis, memory), plant_of(simulation).kernel.lane_size)
+
+
 @lru_cache(maxsize=32)
 def step_function(simulation: Simulation, moves_air: bool = False, ranges: LoopRanges | None = None) -> Any:
     """Return the control step, (state, memory, action, wind, parameters) → (next_state, next_memory).
@@ -94,24 +97,16 @@ def step_function(simulation: Simulation, moves_air: bool = False, ranges: LoopR
     under_way = ACTION_SIZE * (schedule.slots - 1)
     x = _symbols(state=STATE_SIZE, memory=size + under_way, action=ACTION_SIZE, wind=WIND_SIZE)
     x |= _symbols(parameters=PARAMETERS_SIZE)
-    ages, loops = schedule.ages.astype(object), columns(schedule.loops[:, 0])
+    loops, replaced = columns(schedule.loops[:, 0]), {}
     if ranges is not None:
         x |= _symbols(loop=LOOP_SIZE + substeps)
-        loops, ages = columns(x["loop"][:LOOP_SIZE]), columns(x["loop"][LOOP_SIZE:])
+        loops, replaced = columns(x["loop"]), {acts_later: lambda *_: True}
     issued, command = columns(ca.vertcat(x["memory"][size:], x["action"])), columns([], COMMAND_SIZE)
     disturbance, air = columns(x["wind"][:DISTURBANCE_SIZE]), columns(x["wind"][WIND_FIELDS["velocity"]])
-    physics, axis = columns(x["parameters"]), ca.SX(LANE_STATE_SIZE - STATE_SIZE, 1)
-    if isinstance(plant, RigidPlant):
-        lanes = columns(ca.vertcat(x["state"], axis, x["memory"][:size]), RIGID_LANE_SIZE)
-        flying: Any = lanes, issued, ages, loops, disturbance, air, physics, plant.settings
-        lift(integrate_rigid)(*flying, 1, period, substeps, command)
-    else:
-        lanes = columns(x["state"], LANE_STATE_SIZE)
-        if moves_air:
-            lift(add_drag)(lift(load)(air, 0, 0), lanes, physics, 0, disturbance)
-        flying = lanes, issued, ages, loops, disturbance, physics, Four(*simulation.command_scale.tolist())
-        lift(integrate_euler)(*flying, 1, period, substeps, command)
-    next_memory = ca.vertcat(vector(lanes[RIGID : RIGID + size]), *issued[ACTION_SIZE:, 0])
+    lanes, settings = plant_lanes(simulation, x["state"], x["memory"][:size]), plant.settings(moves_air)
+    flying = lanes, issued, loops, disturbance, air, columns(x["parameters"]), settings, 1, period, substeps, command
+    lift(plant.kernel.integrate, replaced)(*flying)
+    next_memory = ca.vertcat(vector(lanes[LANE_STATE_SIZE : LANE_STATE_SIZE + size]), *issued[ACTION_SIZE:, 0])
     return _function("step", x, next_state=vector(lanes[:STATE_SIZE]), next_memory=next_memory)
 
 
@@ -120,12 +115,6 @@ def reference_function() -> Any:
     """Return a reference at a time (s), (reference, time) → point; `reference` is a `Reference.as_array`."""
     x = _symbols(reference=REFERENCE_SIZE, time=1)
     return _function("reference", x, point=vector(lift(reference_at)(columns(x["reference"]), 0, x["time"])))
-
-
-def _point(point: Any) -> ReferencePoint:
-    entries: list[Any] = ca.vertsplit(point)
-    vectors: list[Any] = [Vec3(*entries[first : first + 3]) for first in range(0, POINT_SIZE - 3, 3)]
-    return ReferencePoint(*vectors, *entries[-3:])
 
 
 def _errors(state: Any, parameters: Any, point: ReferencePoint) -> Any:
@@ -139,7 +128,7 @@ def observation_function() -> Any:
     The observation has all fields, `quadpend_gym.tasks.observation.ALL`, not rounded to float32.
     """
     x = _symbols(state=STATE_SIZE, parameters=PARAMETERS_SIZE, point=POINT_SIZE)
-    state, point, out = columns(x["state"]), _point(x["point"]), columns([], ALL.size)
+    state, point, out = columns(x["state"]), lift(load_point)(columns(x["point"]), 0), columns([], ALL.size)
     tracking = _errors(state, x["parameters"], point)
     lift(observe_state)(state, 0, tracking, out, 0)
     lift(observe_reference)(point, 0, out)
@@ -154,7 +143,8 @@ def reward_function(task: Task) -> Any:
     """
     x = _symbols(state=STATE_SIZE, action=ACTION_SIZE, parameters=PARAMETERS_SIZE, point=POINT_SIZE)
     state, weights = columns(x["state"]), make_weights(task)
-    tracking, cosine = _errors(state, x["parameters"], _point(x["point"])), task.side * state[DIRECTION + 2, 0]
+    point, cosine = lift(load_point)(columns(x["point"]), 0), task.side * state[DIRECTION + 2, 0]
+    tracking = _errors(state, x["parameters"], point)
     terms = lift(reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(x["action"]), 0, weights.tip)
     total = lift(reward)(terms, cosine, lift(load)(state, DIRECTION_RATE, 0), weights)
     return _function("reward", x, reward=total, terms=vector(terms))

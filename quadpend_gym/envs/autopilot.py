@@ -16,16 +16,17 @@ from quadpend_gym.autopilots.firmware import Firmware
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.envs.inputs import NO_ERROR
-from quadpend_gym.envs.kernel_layout import MEMORY_RIGID
+from quadpend_gym.envs.kernel_layout import MEMORY_SIZE
 from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.envs.step_kernel import ADVANCE, run_rigid
-from quadpend_gym.physics.rigid_kernel import BODY_RATE
+from quadpend_gym.physics.plant_kernel import LOOP_SIZE
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.vehicles import Simulation, hover_thrusts, rotors_of
 
-_RATES = slice(MEMORY_RIGID.start + BODY_RATE, MEMORY_RIGID.start + BODY_RATE + 3)
-_ROTORS = slice(MEMORY_RIGID.stop, MEMORY_RIGID.stop + ACTION_SIZE)
+_RATES = slice(MEMORY_SIZE + BODY_RATE, MEMORY_SIZE + BODY_RATE + 3)
+_ROTORS = slice(MEMORY_SIZE + RIGID_SIZE, MEMORY_SIZE + RIGID_SIZE + ACTION_SIZE)
 
 
 class AutopilotRows:
@@ -35,8 +36,7 @@ class AutopilotRows:
         plant_simulation: Simulation of one step of the firmware, with the interface "rotors".
         steps: Number of these steps in a control period.
         slots: 2: the kernel gets the actions of the rotors as those of the step before.
-        ages: Ones, shape (1, n).
-        loops: As in `Schedule`.
+        loops: As in `Schedule`, of one substep.
         drawn: As in `Schedule`.
     """
 
@@ -44,8 +44,8 @@ class AutopilotRows:
         substeps = simulation.substeps * ceil(simulation.period / simulation.substeps / PID_PERIOD * (1.0 - 1e-9))
         self._simulation = simulation = replace(simulation, substeps=substeps)
         self._schedule = schedule = Schedule(ranges, simulation, rows)
-        self.loops, self.drawn = schedule.loops, schedule.drawn
-        self.slots, self.ages = 2, np.ones((1, rows), np.int16)
+        self.loops, self.drawn, self.slots = schedule.loops[: LOOP_SIZE + 1].copy(), schedule.drawn, 2
+        self.loops[LOOP_SIZE] = 1.0
         self.steps, step, vehicle = substeps, simulation.period / substeps, simulation.vehicle
         self.plant_simulation = replace(simulation, interface="rotors", period=step, substeps=1, latency=0.0)
         self._scale = simulation.command_scale[:, np.newaxis]
@@ -57,8 +57,13 @@ class AutopilotRows:
     def start_episodes(self, rows: Integers, streams: Streams) -> None:
         """Draw the constants of new episodes, and start their firmware anew."""
         self._schedule.start_episodes(rows, streams)
+        self.loops[:LOOP_SIZE] = self._schedule.loops[:LOOP_SIZE]
         self._issued[:, :, rows] = 0.0
         self._motors[rows] = self._firmware.start_episodes(rows)[:ACTION_SIZE]
+
+    def loops_of(self, rows: Integers) -> Floats:
+        """As `Schedule.loops_of`."""
+        return self.loops if self._schedule.ranges is None else self.loops[:, rows]
 
     def advance(self, step: Integers) -> None:
         """As `Schedule.advance`."""
@@ -68,7 +73,8 @@ class AutopilotRows:
         """As `step_kernel.run_rigid`, for all sub-environments; the settings are those of `plant_simulation`."""
         self._issued[:-1], self._issued[-1] = self._issued[1:], action.T
         for number, ages in enumerate(self._schedule.ages):
-            acting = np.take_along_axis(self._issued, (len(self._issued) - 1 - ages)[np.newaxis, np.newaxis], axis=0)
+            place = np.broadcast_to(len(self._issued) - 1 - ages.astype(np.int64), len(action))
+            acting = np.take_along_axis(self._issued, place[np.newaxis, np.newaxis], axis=0)
             thrust, *rates = self._scale * acting[0]
             channels = radio(thrust + self._scale[0], np.array(rates).T, self._simulation)
             self._firmware.send(memory[:, _RATES], channels)

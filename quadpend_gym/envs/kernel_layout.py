@@ -6,11 +6,10 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.physics.euler_kernel import EulerSettings
 from quadpend_gym.physics.plants import EulerPlant
-from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import RigidSettings
 from quadpend_gym.physics.state import STATE_SIZE
-from quadpend_gym.physics.vectors import Four
 from quadpend_gym.tasks.observation import TARGET_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE
 from quadpend_gym.tasks.task import Task
@@ -22,10 +21,10 @@ MEMORY_STATE = slice(0, STATE_SIZE)
 MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE)
 MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
 MEMORY_TRAJECTORY = MEMORY_REFERENCE.stop  # `TrajectoryTable.first`
-MEMORY_SIZE = MEMORY_TRAJECTORY + 1
-# The row of a rigid vehicle is longer: quaternion, body rate and rotor thrusts (`rigid_kernel`).
-MEMORY_RIGID = slice(MEMORY_SIZE, MEMORY_SIZE + RIGID_SIZE)
-# At the end of a row are the actions that can still act, the oldest first, four numbers each (`loops.Schedule`).
+MEMORY_DIVERGED = MEMORY_TRAJECTORY + 1  # above zero if the state has diverged since the last measurement
+MEMORY_SIZE = MEMORY_DIVERGED + 1
+# The row goes on with what a vehicle has besides the state (`PlantKernel.memory_size`), and ends with the actions that
+# can still act, the oldest first, four numbers each (`loops.Schedule`).
 
 # Sensed values of each sub-environment, an array column of SENSED_SIZE numbers: the target and the rod length (m),
 # from which the tracking error is computed, and the state as the sensors report it.
@@ -60,22 +59,27 @@ class KernelSettings(NamedTuple):
     """Settings of a task and a simulation that the step kernel reads."""
 
     period: float  # s
-    command_scale: Four  # see `Simulation.command_scale`
     limits: KernelLimits
     weights: KernelWeights
-    moves_air: bool  # whether a wind model gives an air velocity, so that there is drag
     has_sensors: bool  # whether the observation is computed from what sensors report
     substeps: int  # Runge–Kutta steps in a control period
+
+
+class EulerStepSettings(NamedTuple):
+    """Settings of a control step of the paper's vehicle."""
+
+    task: KernelSettings
+    vehicle: EulerSettings
 
 
 class RigidStepSettings(NamedTuple):
     """Settings of a control step of rigid vehicles."""
 
-    kernel: KernelSettings
+    task: KernelSettings
     vehicle: RigidSettings
 
 
-unpack_settings, unpack_rigid_settings = unpacker(KernelSettings), unpacker(RigidStepSettings)
+unpack_euler, unpack_rigid = unpacker(EulerStepSettings), unpacker(RigidStepSettings)
 
 
 def make_weights(task: Task) -> KernelWeights:
@@ -98,15 +102,13 @@ def make_limits(task: Task, simulation: Simulation) -> KernelLimits:
 
 
 def pack_settings(task: Task, plant: EulerPlant, moves_air: bool, has_sensors: bool) -> Floats:
-    """Return the settings as a flat array that `unpack_settings`, or `unpack_rigid_settings`, reads."""
+    """Return the settings as a flat array that `unpack_euler` or `unpack_rigid` reads; the air may move, or rests."""
     simulation = plant.simulation
     settings = KernelSettings(
         simulation.period,
-        Four(*simulation.command_scale.tolist()),
         make_limits(task, simulation),
         make_weights(task),
-        moves_air,
         has_sensors,
         simulation.substeps,
     )
-    return pack((settings, plant.settings))
+    return pack((settings, plant.settings(moves_air)))

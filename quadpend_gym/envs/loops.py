@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.core.arrays import Ages, Floats, Integers
+from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.streams import LOOP_STREAM, Keys, Streams, uniform, uniform_between
+from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.rigid_settings import loop_numbers, nominal_loop
 from quadpend_gym.randomization import LOOP_NAMES, LoopRanges
 from quadpend_gym.vehicles import Simulation
@@ -28,11 +29,12 @@ class Schedule:
 
     Attributes:
         ranges: Intervals of the constants; None: every loop is nominal.
-        ages: For each of the s substeps of the next control period, control steps since the action that acts was
-            issued, shape (s, n); 0 is the action of this control step.
         slots: Number of actions that can act in a control period, this one included.
         jitter: j, substeps.
-        loops: Numbers of each loop for the step kernel (`rigid_settings.LOOP_SIZE`), shape (10, n).
+        loops: Each loop for the step kernel, see `physics.plant_kernel`, shape (10 + s, n), or without ranges that of
+            all, shape (10 + s, 1).
+        ages: The last s rows of it: for each substep of the next control period, control steps since the action that
+            acts was issued; 0 is the action of this control step.
         drawn: The constants of the episodes in the order of `LOOP_NAMES`, shape (4, n); the latency in s.
     """
 
@@ -45,9 +47,9 @@ class Schedule:
         latest = self._in_substeps(self._highest[0]) + ceil(self.jitter)
         self.slots = -(-int(latest) // simulation.substeps) + 1
         self.drawn = np.array(nominal)[:, np.newaxis] + np.zeros(rows)
-        self.loops = nominal_loop(simulation)[:, np.newaxis] + np.zeros(rows)
-        self.ages = np.zeros((simulation.substeps, rows), np.int16)
-        self.ages[:] = self._ages(np.full(rows, self._in_substeps(simulation.latency)))
+        self.loops = np.repeat(nominal_loop(simulation)[:, np.newaxis], 1 if ranges is None else rows, axis=1)
+        self.ages = self.loops[LOOP_SIZE:]
+        self.ages[:] = self._ages(self._in_substeps(simulation.latency))
         self._latency = np.zeros(rows, np.int64)  # substeps
         self._arrival, self._acting = np.zeros((self.slots, rows), np.int64), np.zeros(rows, np.int64)
         self._keys = np.zeros(rows, np.uint64)
@@ -61,7 +63,7 @@ class Schedule:
         latency = drawn[:, 0].copy()
         drawn[:, 0] *= simulation.period / simulation.substeps
         self.drawn[:, rows] = drawn.T
-        self.loops[:, rows] = np.array([loop_numbers(simulation, *row) for row in drawn[:, 1:].tolist()]).T
+        self.loops[:LOOP_SIZE, rows] = np.array([loop_numbers(simulation, *row) for row in drawn[:, 1:].tolist()]).T
         self.ages[:, rows] = self._ages(latency)
         self._latency[rows], self._acting[rows] = latency, -1
         self._keys[rows] = own.derive(JITTER_STREAM).keys
@@ -71,6 +73,10 @@ class Schedule:
         drawn = streams.between(0, self._lowest, self._highest)
         drawn[:, 0] = self._in_substeps(drawn[:, 0])
         return drawn
+
+    def loops_of(self, rows: Integers) -> Floats:
+        """Return the loops of some sub-environments, or that of all."""
+        return self.loops if self.ranges is None else self.loops[:, rows]
 
     def advance(self, step: Integers) -> None:
         """Set `ages` for the control steps `step` of the episodes, shape (n,)."""
@@ -97,7 +103,7 @@ def lateness(key: Any, step: int, latency: float, jitter: float) -> float:
 
 @compiled
 def _delay(
-    step: Integers, latency: Integers, jitter: float, keys: Keys, arrival: Integers, acting: Integers, ages: Ages
+    step: Integers, latency: Integers, jitter: float, keys: Keys, arrival: Integers, acting: Integers, ages: Floats
 ) -> None:
     slots, count = arrival.shape[0], ages.shape[0]
     for row in range(step.shape[0]):

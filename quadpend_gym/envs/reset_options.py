@@ -7,7 +7,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import look_up, plain
-from quadpend_gym.physics.euler_kernel import DIVERGENCE_LIMIT
+from quadpend_gym.physics.plant_kernel import DIVERGENCE_LIMIT
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks.feasibility import check_feasible

@@ -23,28 +23,25 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.core.arrays import Ages, Booleans, Floats, Floats32, Integers
+from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.elementary import arcsin, select
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs import outcome as rows
 from quadpend_gym.envs.inputs import NO_ERROR, find_error
-from quadpend_gym.physics.drag import add_drag
-from quadpend_gym.physics.dynamics import thrust_axis
-from quadpend_gym.physics.euler_kernel import (
+from quadpend_gym.physics.euler_kernel import EULER_KERNEL
+from quadpend_gym.physics.plant_kernel import (
     BLOCK,
     DIVERGENCE_LIMIT,
-    LOOP_EFFICIENCY,
+    LANE_STATE_SIZE,
     THRUST_AXIS,
-    commanded,
+    PlantKernel,
     gather,
-    integrate_euler,
     scatter,
 )
-from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, store_present
-from quadpend_gym.physics.rigid_settings import LOOP_SIZE, with_loop
-from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, EULER, POSITION, STATE_SIZE
-from quadpend_gym.physics.vectors import Vec3, load, load_four, norm, store, store_four
+from quadpend_gym.physics.rigid_kernel import RIGID_KERNEL
+from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, POSITION, STATE_SIZE
+from quadpend_gym.physics.vectors import Vec3, load, norm, store, store_four
 from quadpend_gym.tasks.observation import (
     ALL,
     STATE_COLUMNS,
@@ -56,17 +53,17 @@ from quadpend_gym.tasks.observation import (
     store_target,
     tracking_errors,
 )
-from quadpend_gym.tasks.references import POINT_SIZE, REFERENCE_SIZE, load_point, store_point
+from quadpend_gym.tasks.references import REFERENCE_SIZE, ReferencePoint
 from quadpend_gym.tasks.rewards import reward, reward_terms
 from quadpend_gym.tasks.trajectories import followed_at, reference_at
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.wind import WIND_SIZE
 
-# Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and the further
-# state of rigid vehicles, the action, the reference and its point, and the time.
+# Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and what the
+# vehicle has besides, the action, the reference, the time, and whether the state has diverged.
 _SENSED = slice(rows.OUTCOME_SIZE, rows.OUTCOME_SIZE + layout.SENSED_SIZE)
-_STATE, _ACTION, _REFERENCE, _POINT, _TIME, _END = accumulate(
-    (rows.OUTCOME_SIZE + layout.SENSED_STATE.start, RIGID_LANE_SIZE, ACTION_SIZE, REFERENCE_SIZE, POINT_SIZE, 1)
+_STATE, _ACTION, _REFERENCE, _TIME, _LOST, _END = accumulate(
+    (rows.OUTCOME_SIZE + layout.SENSED_STATE.start, RIGID_KERNEL.lane_size, ACTION_SIZE, REFERENCE_SIZE, 1, 1)
 )
 _OBSERVED = ALL.size  # rows of the buffer of the observation
 _WIND = slice(rows.DISTURBANCE.start, rows.AIR_VELOCITY.stop)
@@ -108,6 +105,26 @@ def is_outside(state: Any, lane: int, error: Vec3, rod_length: float, limits: la
 
 
 @inlined
+def _measure_at(
+    point: ReferencePoint,
+    state: Any,
+    action: Any,
+    rod_length: float,
+    lane: int,
+    task: layout.KernelSettings,
+    sensed: Any,
+    observation: Any,
+    out: Any,
+) -> None:
+    """Write the target, the reference's part of the observation, and column `lane` of an outcome."""
+    observe_reference(point, lane, observation)
+    target = Target(point.d0, point.d1, point.yaw)
+    store_target(target, sensed, lane)
+    sensed[layout.SENSED_ROD_LENGTH, lane] = rod_length
+    _measure(state, action, rod_length, lane, tracking_errors(state, lane, rod_length, target), task, out)
+
+
+@inlined
 def _measure(
     state: Any, action: Any, rod_length: float, lane: int, tracking: TrackingErrors, settings: Any, out: Any
 ) -> None:
@@ -124,23 +141,22 @@ def _measure(
 
 @inlined
 def _run(
+    plant: PlantKernel,
     stages: int,
     memory: Any,
     clock: Any,
     columns: Any,
     action: Any,
-    ages: Any,
     loops: Any,
     trajectories: Any,
     task: layout.KernelSettings,
-    rigid: Any,
-    diverged: Any,
+    vehicle: Any,
     observation: Any,
     outcome: Any,
     begin: int,
     end: int,
 ) -> int:
-    """Do stages of a control step, as `run_euler` describes; `rigid` is a `RigidSettings`, or None without one."""
+    """Do stages of a control step, as `run_euler` describes; `vehicle` are the settings of `plant.integrate`."""
     wind, sensed = columns[:WIND_SIZE], columns[WIND_SIZE:]
     begin = max(begin, 0)  # tells the compiler that indices of sub-environments are not negative
     error = find_error(action[begin:end], wind[:, begin:end])
@@ -148,113 +164,82 @@ def _run(
         return error + begin if error > NO_ERROR else error - begin
     state, parameters = memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS]
     reference, period, substeps = memory[:, layout.MEMORY_REFERENCE], task.period, task.substeps
-    buffer = np.empty((_END, BLOCK))
+    issued_from = layout.MEMORY_SIZE + plant.memory_size
+    plant_memory, under_way = memory[:, layout.MEMORY_SIZE : issued_from], memory[:, issued_from:]
+    buffer, loop_size = np.empty((_END, BLOCK)), loops.shape[0]
+    given = np.empty((loop_size + under_way.shape[1] + ACTION_SIZE, BLOCK))
     disturbance_lanes, velocity_lanes = buffer[rows.DISTURBANCE], buffer[rows.AIR_VELOCITY]
     physics_lanes, command_lanes = buffer[rows.PARAMETERS], buffer[rows.COMMAND]
     sensed_lanes, state_lanes, action_lanes = buffer[_SENSED], buffer[_STATE:_ACTION], buffer[_ACTION:_REFERENCE]
-    reference_lanes, point_lanes, time = buffer[_REFERENCE:_POINT], buffer[_POINT:_TIME], buffer[_TIME]
+    reference_lanes, time, lost = buffer[_REFERENCE:_TIME], buffer[_TIME], buffer[_LOST]
+    plant_lanes, loop_lanes, issued = state_lanes[LANE_STATE_SIZE:], given[:loop_size], given[loop_size:]
     observation_lanes = np.empty((_OBSERVED, BLOCK), np.float32)
-    lost = np.empty(BLOCK)
-    loop_lanes, age_lanes = np.empty((LOOP_SIZE, BLOCK)), np.empty((ages.shape[0], BLOCK), np.int16)
-    if rigid is None:
-        under_way = memory[:, layout.MEMORY_SIZE :]
-    else:
-        rigid_memory, under_way = memory[:, layout.MEMORY_RIGID], memory[:, layout.MEMORY_RIGID.stop :]
-    issued = np.empty((under_way.shape[1] + ACTION_SIZE, BLOCK))
+    for field in range(loops.shape[0]):  # of the only loop, if there is one for all
+        for lane in range(min(BLOCK, end - begin)):
+            loop_lanes[field, lane] = loops[field, 0]
     for first in range(begin, end, BLOCK):
         lanes = min(BLOCK, end - first)
         gather(state, first, lanes, state_lanes)
+        gather(plant_memory, first, lanes, plant_lanes)
         gather(action, first, lanes, action_lanes)
         gather(parameters, first, lanes, physics_lanes)
         _copy(wind[:, first:], lanes, buffer[_WIND])
-        _copy(loops[:, first:], lanes, loop_lanes)
-        if rigid is not None:
-            gather(rigid_memory, first, lanes, state_lanes[RIGID:])
+        if loops.shape[1] > 1:
+            _copy(loops[:, first:], lanes, loop_lanes)
         if stages & ADVANCE:
-            _copy(ages[:, first:], lanes, age_lanes)
             gather(under_way, first, lanes, issued)
             _copy(action_lanes, lanes, issued[under_way.shape[1] :])
             scatter(issued[ACTION_SIZE:], first, lanes, under_way)
-            if rigid is None:
-                if task.moves_air:
-                    for lane in range(lanes):
-                        add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
-                integrate_euler(
-                    state_lanes,
-                    issued,
-                    age_lanes,
-                    loop_lanes,
-                    disturbance_lanes,
-                    physics_lanes,
-                    task.command_scale,
-                    lanes,
-                    period,
-                    substeps,
-                    command_lanes,
-                )
-            else:
-                integrate_rigid(
-                    state_lanes,
-                    issued,
-                    age_lanes,
-                    loop_lanes,
-                    disturbance_lanes,
-                    velocity_lanes,
-                    physics_lanes,
-                    rigid,
-                    lanes,
-                    period,
-                    substeps,
-                    command_lanes,
-                )
+            plant.integrate(
+                state_lanes,
+                issued,
+                loop_lanes,
+                disturbance_lanes,
+                velocity_lanes,
+                physics_lanes,
+                vehicle,
+                lanes,
+                period,
+                substeps,
+                command_lanes,
+            )
             for lane in range(lanes):
                 clock[first + lane] += 1
             for lane in range(lanes):
                 lost[lane] = has_diverged(state_lanes, lane)
             for lane in range(lanes):
                 if lost[lane] > 0.0:
-                    diverged[first + lane] = True
+                    memory[first + lane, layout.MEMORY_DIVERGED] = 1.0
                     for field in range(STATE_SIZE):
                         state_lanes[field, lane] = state[first + lane, field]
-                    store(state_lanes, THRUST_AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
-                    if rigid is not None:
-                        for field in range(RIGID_SIZE):
-                            state_lanes[RIGID + field, lane] = rigid_memory[first + lane, field]
+                    for field in range(plant.memory_size):
+                        plant_lanes[field, lane] = plant_memory[first + lane, field]
+                    plant.store_axis(state_lanes, lane)
             scatter(state_lanes, first, lanes, state)
-            if rigid is not None:
-                scatter(state_lanes[RIGID:], first, lanes, rigid_memory)
-        elif rigid is None:
-            for lane in range(lanes):
-                store(state_lanes, THRUST_AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
-                efficiency = load_four(loop_lanes, LOOP_EFFICIENCY, lane)
-                command = commanded(load_four(action_lanes, 0, lane), task.command_scale, efficiency)
-                store_four(command_lanes, 0, lane, command)
+            scatter(plant_lanes, first, lanes, plant_memory)
         else:
             for lane in range(lanes):
-                store_present(state_lanes, with_loop(rigid, loop_lanes, lane), lane, command_lanes)
+                plant.store_axis(state_lanes, lane)
+                plant.store_command(action_lanes, vehicle, loop_lanes, lane, state_lanes, command_lanes)
         if stages & MEASURE:
             gather(reference, first, lanes, reference_lanes)
             for lane in range(lanes):
                 time[lane] = period * clock[first + lane]
             for lane in range(lanes):
-                store_point(reference_at(reference_lanes, lane, time[lane]), lane, point_lanes)
+                point, length = reference_at(reference_lanes, lane, time[lane]), physics_lanes[ROD_LENGTH, lane]
+                out = sensed_lanes, observation_lanes, buffer
+                _measure_at(point, state_lanes, action_lanes, length, lane, task, *out)
             if trajectories.shape[0] > 0:
                 for lane in range(lanes):
                     followed = int(memory[first + lane, layout.MEMORY_TRAJECTORY])
                     if followed >= 0:
-                        store_point(followed_at(trajectories, followed, time[lane]), lane, point_lanes)
+                        point, length = followed_at(trajectories, followed, time[lane]), physics_lanes[ROD_LENGTH, lane]
+                        out = sensed_lanes, observation_lanes, buffer
+                        _measure_at(point, state_lanes, action_lanes, length, lane, task, *out)
             for lane in range(lanes):
-                point = load_point(point_lanes, lane)
-                observe_reference(point, lane, observation_lanes)
-                target = Target(point.d0, point.d1, point.yaw)
-                store_target(target, sensed_lanes, lane)
-                sensed_lanes[layout.SENSED_ROD_LENGTH, lane] = physics_lanes[ROD_LENGTH, lane]
-                tracking = tracking_errors(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
-                _measure(state_lanes, action_lanes, physics_lanes[ROD_LENGTH, lane], lane, tracking, task, buffer)
-            for lane in range(lanes):
-                if diverged[first + lane]:
+                if memory[first + lane, layout.MEMORY_DIVERGED] > 0.0:
                     buffer[rows.TERMINATED, lane] = 1.0
-                    diverged[first + lane] = False
+                    memory[first + lane, layout.MEMORY_DIVERGED] = 0.0
             _copy(buffer, lanes, outcome[:, first:])
             if task.has_sensors:
                 _copy(sensed_lanes, lanes, sensed[:, first:])
@@ -274,11 +259,9 @@ def run_euler(
     clock: Integers,
     columns: Floats,
     action: Floats32,
-    ages: Ages,
     loops: Floats,
     trajectories: Floats,
     settings: Floats,
-    diverged: Booleans,
     observation: Floats32,
     outcome: Floats,
     begin: int,
@@ -291,18 +274,16 @@ def run_euler(
 
     Args:
         stages: `ADVANCE`, `MEASURE`, or `STEP` for both.
-        memory: State, parameters, reference and actions under way of each sub-environment, shape (n, k), see
-            `kernel_layout`; changed in place.
+        memory: State, parameters, reference, what the vehicle has besides, and actions under way of each
+            sub-environment, shape (n, k), see `kernel_layout`; changed in place.
         clock: Control steps since each episode began, shape (n,), changed in place.
         columns: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (12, n). With sensors 26
             further rows, an output: `observe_sensed` then writes the state's part of the observation, once the
             sensors have changed the state in these rows.
         action: Shape (n, 4), each component in [−1, 1]; the reward counts it, even where it acts later.
-        ages: Control steps since the action that acts in each substep was issued, shape (s, n).
-        loops: Numbers of the loop, shape (10, n), see `rigid_settings`.
+        loops: The loop of each sub-environment, shape (10 + s, n), or of all, shape (10 + s, 1), see `plant_kernel`.
         trajectories: `TrajectoryTable.numbers`.
-        settings: A packed `KernelSettings`.
-        diverged: Whether the state has diverged since the last `MEASURE`, shape (n,), changed in place.
+        settings: A packed `EulerStepSettings`.
         observation: Output, shape (n, m), laid out as `quadpend_gym.tasks.observation.ALL`.
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
         begin: A multiple of 64.
@@ -311,8 +292,9 @@ def run_euler(
     Returns:
         The error code of `inputs`; with an error, no array is changed.
     """
-    task, arrays = layout.unpack_settings(settings), (memory, clock, columns, action, ages, loops, trajectories)
-    return int(_run(stages, *arrays, task, None, diverged, observation, outcome, begin, end))
+    task, vehicle = layout.unpack_euler(settings)
+    inputs = memory, clock, columns, action, loops, trajectories
+    return int(_run(EULER_KERNEL, stages, *inputs, task, vehicle, observation, outcome, begin, end))
 
 
 @compiled
@@ -322,19 +304,21 @@ def run_rigid(
     clock: Integers,
     columns: Floats,
     action: Floats32,
-    ages: Ages,
     loops: Floats,
     trajectories: Floats,
     settings: Floats,
-    diverged: Booleans,
     observation: Floats32,
     outcome: Floats,
     begin: int,
     end: int,
 ) -> int:
     """As `run_euler`, for rigid vehicles; `settings` are a packed `RigidStepSettings`."""
-    task, arrays = layout.unpack_rigid_settings(settings), (memory, clock, columns, action, ages, loops, trajectories)
-    return int(_run(stages, *arrays, task.kernel, task.vehicle, diverged, observation, outcome, begin, end))
+    task, vehicle = layout.unpack_rigid(settings)
+    inputs = memory, clock, columns, action, loops, trajectories
+    return int(_run(RIGID_KERNEL, stages, *inputs, task, vehicle, observation, outcome, begin, end))
+
+
+KERNELS: dict[PlantKernel, Any] = {EULER_KERNEL: run_euler, RIGID_KERNEL: run_rigid}
 
 
 @compiled

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any
 
 from quadpend_gym.envs.inputs import NO_ERROR
-from quadpend_gym.physics.euler_kernel import BLOCK
+from quadpend_gym.physics.plant_kernel import BLOCK
 
 
 @cache

@@ -39,7 +39,7 @@ from quadpend_gym.envs.kernel_layout import (
 from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.envs.outcome import LOOP, StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.step_kernel import MEASURE, STEP, observe_sensed, run_euler, run_rigid
+from quadpend_gym.envs.step_kernel import KERNELS, MEASURE, STEP, observe_sensed, run_rigid
 from quadpend_gym.envs.threads import run_in_threads
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
@@ -79,7 +79,7 @@ class World:
         if scenario.autopilot is None:
             self.schedule: Schedule | AutopilotRows = Schedule(scenario.loop, simulation, num_envs)
             self._plant = plant_of(simulation)
-            self._kernel: Any = run_rigid if self._plant.memory_size else run_euler
+            self._kernel: Any = KERNELS[self._plant.kernel]
             self._plant_steps = 1  # of the kernel in a control period
             self._run: Any = self._kernel if num_threads == 1 else partial(run_in_threads, num_threads, self._kernel)
         else:
@@ -88,7 +88,6 @@ class World:
             self._plant_steps = autopilot.steps
         under_way = ACTION_SIZE * (self.schedule.slots - 1)
         self._memory = np.zeros((num_envs, MEMORY_SIZE + self._plant.memory_size + under_way))
-        self._diverged = np.zeros(num_envs, np.bool_)
         self.parameters[:] = simulation.parameters.as_array()
         self._observation_like = (num_envs, ALL.size), np.dtype(np.float32)
         self.clock = np.zeros(num_envs, np.int64)
@@ -276,9 +275,9 @@ class World:
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
         memory, clock = self._memory[rows], self.clock[rows] * self._plant_steps
         columns, schedule = np.zeros((self._columns_size, rows.size)), self.schedule
-        inputs = memory, clock, columns, action, schedule.ages, schedule.loops.take(rows, axis=1)
-        numbers, diverged = (self._trajectories.numbers, self._settings), np.zeros(rows.size, np.bool_)
-        self._kernel(MEASURE, *inputs, *numbers, diverged, observation, outcome, 0, rows.size)
+        inputs = memory, clock, columns, action, schedule.loops_of(rows)
+        numbers = self._trajectories.numbers, self._settings
+        self._kernel(MEASURE, *inputs, *numbers, observation, outcome, 0, rows.size)
         if self.scenario.loop is not None:
             outcome[LOOP] = schedule.drawn[:, rows]
         if self._sensors.models:
@@ -313,9 +312,9 @@ class World:
                 action = self._actuate(action)
         columns, schedule = self._columns, self.schedule
         schedule.advance(self.clock)
-        inputs = self._memory, self.clock, columns, action, schedule.ages, schedule.loops
-        outputs = self._diverged, observation, outcome
-        error = self._run(STEP, *inputs, self._trajectories.numbers, self._settings, *outputs, 0, self.num_envs)
+        inputs = self._memory, self.clock, columns, action, schedule.loops
+        numbers = self._trajectories.numbers, self._settings
+        error = self._run(STEP, *inputs, *numbers, observation, outcome, 0, self.num_envs)
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")

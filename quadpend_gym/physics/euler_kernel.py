@@ -9,19 +9,16 @@ exact solution; `quadpend_gym.physics.dynamics` has the equations:
 
 At the end of a substep r is normalised and ṙ is projected onto the plane perpendicular to r. Each substep computes the
 thrust axis for its middle and its end, and takes that for its start from the previous substep.
-
-The loop works on blocks of 64 sub-environments. It copies each block into buffers of shape (field, lane), with one lane
-for each sub-environment, so that the compiler can turn every loop over lanes into vector instructions. A batch of one
-sub-environment runs the same code and gives bit-identical results.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.elementary import select
 from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import (
     centre_acceleration,
     centre_offset,
@@ -31,18 +28,27 @@ from quadpend_gym.physics.dynamics import (
     thrust_axis,
     unconstrained_acceleration,
 )
+from quadpend_gym.physics.plant_kernel import (
+    LANE_STATE_SIZE,
+    LOOP_EFFICIENCY,
+    LOOP_SIZE,
+    THRUST_AXIS,
+    PlantKernel,
+    acts_later,
+    add_mean,
+    advance_rows,
+    find_acting,
+)
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     BOB_FORCE,
     COMMAND_SIZE,
     DIRECTION,
     DIRECTION_RATE,
-    DISTURBANCE_SIZE,
     EULER,
     EULER_RATE,
     FORCE,
     POSITION,
-    STATE_SIZE,
     TORQUE,
     VELOCITY,
 )
@@ -59,45 +65,18 @@ from quadpend_gym.physics.vectors import (
     store,
     store_four,
 )
-from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
-
-BLOCK = 64  # sub-environments in a block
-LOOP_EFFICIENCY = 0  # first of four rows of `loops`: thrust and torques that act, divided by the nominal ones
-# In the (field, lane) buffers, the thrust axis follows the state.
-THRUST_AXIS = STATE_SIZE
-LANE_STATE_SIZE = STATE_SIZE + 3
-DIVERGENCE_LIMIT = 1e6  # a state diverges when the sum of its absolute values reaches this
 
 
-@inlined
-def find_acting(issued: Any, ages: Any, substep: int, lanes: int, out: Any) -> None:
-    """Write the actions that act in a substep into a (4, lane) buffer.
+class EulerSettings(NamedTuple):
+    """The paper's vehicle inside compiled functions."""
 
-    Each loop is over lanes, so that the compiler can vectorise it.
-
-    Args:
-        issued: Actions of the last k control steps, the oldest first, in a (4 k, lane) buffer.
-        ages: Control steps since the action that acts was issued, by substep and lane.
-        substep: The substep.
-        lanes: The number of lanes.
-        out: The output.
-    """
-    newest = issued.shape[0] // ACTION_SIZE - 1
-    for field in range(ACTION_SIZE):
-        for lane in range(lanes):
-            out[field, lane] = issued[ACTION_SIZE * newest + field, lane]
-    for k in range(newest):
-        for field in range(ACTION_SIZE):
-            for lane in range(lanes):
-                before = issued[ACTION_SIZE * (newest - 1 - k) + field, lane]
-                out[field, lane] = select(ages[substep, lane] > k, before, out[field, lane])
+    command_scale: Four  # see `Simulation.command_scale`
+    has_drag: bool  # whether there is drag, as in air that can move
 
 
-@inlined
-def commanded(action: Four, s: Four, efficiency: Four) -> Four:
-    """Return thrust (N) and torques (N·m) of an action; s is `Simulation.command_scale`."""
-    full = Four(s.a * efficiency.a, s.b * efficiency.b, s.c * efficiency.c, s.d * efficiency.d)
-    return Four(full.a * (1.0 + action.a), full.b * action.b, full.c * action.c, full.d * action.d)
+_ACTING = LANE_STATE_SIZE  # fields of thrust and torques in the buffer of a block
+_unpack = unpacker(EulerSettings)
+_UNIT = pack(EulerSettings(Four(1.0, 1.0, 1.0, 1.0), False))
 
 
 @inlined
@@ -159,63 +138,88 @@ def _substep(state: Any, command: Four, disturbance: Any, physics_lanes: Any, la
 
 
 @inlined
-def gather(rows: Any, first: int, lanes: int, out: Any) -> None:
-    """Copy rows `first` to `first + lanes` of a (row, field) array into a (field, lane) buffer."""
-    for lane in range(lanes):
-        for field in range(rows.shape[1]):
-            out[field, lane] = rows[first + lane, field]
-
-
-@inlined
-def scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
-    """Copy a (field, lane) buffer into rows `first` to `first + lanes` of a (row, field) array."""
-    for lane in range(lanes):
-        for field in range(out.shape[1]):
-            out[first + lane, field] = lanes_in[field, lane]
-
-
-@inlined
-def add_mean(value: Four, share: float, lane: int, out: Any) -> None:
-    """Move the mean in the four rows of `out` to a value by `share`; the mean of equal values is exact."""
-    mean = load_four(out, 0, lane)
-    gap = Four(value.a - mean.a, value.b - mean.b, value.c - mean.c, value.d - mean.d)
-    a, b, c, d = mean.a + share * gap.a, mean.b + share * gap.b, mean.c + share * gap.c, mean.d + share * gap.d
-    store_four(out, 0, lane, Four(a, b, c, d))
-
-
-@inlined
 def integrate_euler(
     state: Any,
     issued: Any,
-    ages: Any,
     loops: Any,
     disturbance: Any,
+    velocity: Any,
     physics: Any,
-    command_scale: Four,
+    settings: EulerSettings,
     lanes: int,
     period: float,
     substeps: int,
     command: Any,
 ) -> None:
-    """Advance one block by a control period, in (field, lane) buffers; `state` has `LANE_STATE_SIZE` fields.
+    """Advance one block by a control period.
 
-    `issued` and `ages` are those of `find_acting`; `loops` begins with the efficiency. The mean of
-    thrust (N) and torques (N·m) over the period is written into `command`.
+    Args:
+        state: States, then the thrust axis and what a vehicle has besides, in a (field, lane) buffer as all arrays.
+        issued: Actions of the last control steps, see `find_acting`.
+        loops: The loops, see `plant_kernel`.
+        disturbance: d_Q (N), d_B (N) and d_τ (N·m), to which the drag is added.
+        velocity: Velocity of the air, m/s.
+        physics: Physical parameters in the order of `Parameters`.
+        settings: The vehicle.
+        lanes: The number of lanes.
+        period: The control period, s.
+        substeps: The number of substeps.
+        command: Output: the mean of thrust (N) and torques (N·m) over the period, shape (4, lane).
     """
-    acting = np.empty((ACTION_SIZE, state.shape[1]))
+    acting = state[_ACTING:]
+    if settings.has_drag:
+        for lane in range(lanes):
+            add_drag(load(velocity, 0, lane), state, physics, lane, disturbance)
     for lane in range(lanes):
-        store(state, THRUST_AXIS, lane, thrust_axis(load(state, EULER, lane)))
+        store_euler_axis(state, lane)
         store_four(command, 0, lane, Four(0.0, 0.0, 0.0, 0.0))
     for substep in range(substeps):
-        find_acting(issued, ages, substep, lanes, acting)
-        share = 1.0 / (substep + 1.0)
+        if substep == 0 or acts_later(loops, substep, lanes):
+            find_acting(issued, loops, substep, lanes, acting)
+            share = 1.0 / (substep + 1.0)
+            for lane in range(lanes):
+                _store_command(acting, settings, loops, lane, state, acting)
+                add_mean(load_four(acting, 0, lane), share, lane, command)
         for lane in range(lanes):
-            wrench = commanded(load_four(acting, 0, lane), command_scale, load_four(loops, LOOP_EFFICIENCY, lane))
-            _substep(state, wrench, disturbance, physics, lane, period / substeps)
-            add_mean(wrench, share, lane, command)
+            _substep(state, load_four(acting, 0, lane), disturbance, physics, lane, period / substeps)
+
+
+@inlined
+def store_euler_axis(state: Any, lane: int) -> None:
+    """Write the thrust axis of Euler angles."""
+    store(state, THRUST_AXIS, lane, thrust_axis(load(state, EULER, lane)))
+
+
+@inlined
+def _store_command(action: Any, settings: EulerSettings, loops: Any, lane: int, state: Any, command: Any) -> None:
+    """Write thrust (N) and torques (N·m) of an action, see `Simulation.command_scale`."""
+    a, s, share = load_four(action, 0, lane), settings.command_scale, load_four(loops, LOOP_EFFICIENCY, lane)
+    thrust = s.a * share.a * (1.0 + a.a)
+    store_four(command, 0, lane, Four(thrust, s.b * share.b * a.b, s.c * share.c * a.c, s.d * share.d * a.d))
+
+
+EULER_KERNEL = PlantKernel(
+    0, _ACTING + ACTION_SIZE, integrate_euler, store_euler_axis, store_euler_axis, _store_command
+)
 
 
 @compiled
+def advance_euler(
+    state: Floats,
+    memory: Floats,
+    action: Floats,
+    loops: Floats,
+    disturbance: Floats,
+    parameters: Floats,
+    packed: Floats,
+    period: float,
+    substeps: int,
+) -> None:
+    """Advance n states in place by one period, see `plant_kernel.advance_rows`; `packed` is an `EulerSettings`."""
+    settings = _unpack(packed)
+    advance_rows(EULER_KERNEL, state, memory, action, loops, disturbance, parameters, settings, period, substeps)
+
+
 def advance(
     state: Floats, command: Floats, disturbance: Floats, parameters: Floats, period: float, substeps: int
 ) -> None:
@@ -224,18 +228,8 @@ def advance(
     States, commands and disturbances have the shapes (n, 18), (n, 4) and (n, 9), see `quadpend_gym.physics.state`;
     parameters have the shape (n, 9).
     """
-    state_lanes, command_lanes = np.empty((LANE_STATE_SIZE, BLOCK)), np.empty((COMMAND_SIZE, BLOCK))
-    disturbance_lanes, physics_lanes = np.empty((DISTURBANCE_SIZE, BLOCK)), np.empty((PARAMETERS_SIZE, BLOCK))
-    for first in range(0, state.shape[0], BLOCK):
-        lanes = min(BLOCK, state.shape[0] - first)
-        gather(state, first, lanes, state_lanes)
-        gather(command, first, lanes, command_lanes)
-        gather(disturbance, first, lanes, disturbance_lanes)
-        gather(parameters, first, lanes, physics_lanes)
-        for lane in range(lanes):
-            store(state_lanes, THRUST_AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
-        for _ in range(substeps):
-            for lane in range(lanes):
-                wrench = load_four(command_lanes, 0, lane)
-                _substep(state_lanes, wrench, disturbance_lanes, physics_lanes, lane, period / substeps)
-        scatter(state_lanes, first, lanes, state)
+    loops, rows = np.zeros((LOOP_SIZE + substeps, len(state))), len(state)
+    loops[:COMMAND_SIZE] = command.T  # as the efficiency of unit commands
+    action = np.tile([0.0, 1.0, 1.0, 1.0], (rows, 1))
+    arrays = state, np.empty((rows, 0)), action, loops, disturbance, parameters
+    advance_euler(*arrays, _UNIT, period, substeps)

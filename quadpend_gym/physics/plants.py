@@ -5,18 +5,22 @@ Both have the same methods. They compute a batch of n vehicles with the equation
 """
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from typing_extensions import override
 
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled
+from quadpend_gym.core.packing import pack
 from quadpend_gym.physics.allocation import mean_wrench, rigid_actions
-from quadpend_gym.physics.euler_kernel import advance
-from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, advance_rigid, rigid_from_state
-from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings, nominal_loop, pack_rigid
+from quadpend_gym.physics.euler_kernel import EULER_KERNEL, EulerSettings, advance, advance_euler
+from quadpend_gym.physics.plant_kernel import PlantKernel
+from quadpend_gym.physics.rigid_kernel import RIGID_KERNEL, advance_rigid, rigid_from_state
+from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings, nominal_loop
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, THRUST
+from quadpend_gym.physics.vectors import Four
 from quadpend_gym.vehicles import Simulation
 
 _HOVER = np.eye(COMMAND_SIZE)[THRUST]
@@ -33,16 +37,26 @@ class EulerPlant:
     """The paper's vehicle: thrust and torques act as they are commanded.
 
     Attributes:
-        memory_size: Numbers k of a vehicle besides its state; for rigid vehicles quaternion, body rate and rotor
-            thrusts, see `quadpend_gym.physics.rigid_kernel`.
-        settings: Numbers of a rigid vehicle for compiled functions; empty for the paper's vehicle.
+        kernel: The functions of the vehicle that compiled code calls.
     """
 
-    memory_size = 0
-    settings: tuple[()] | RigidSettings = ()
+    kernel: PlantKernel = EULER_KERNEL
+    _advance: Any = staticmethod(advance_euler)
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation, self._scale = simulation, simulation.command_scale
+
+    @property
+    def memory_size(self) -> int:
+        """Numbers k of a vehicle besides its state: for rigid vehicles quaternion, body rate and rotor thrusts."""
+        return self.kernel.memory_size
+
+    def settings(self, moves_air: bool = False) -> EulerSettings | RigidSettings:
+        """Return the numbers of the vehicle for compiled functions; the air may move, or rests.
+
+        The paper's vehicle has drag only in air that may move.
+        """
+        return EulerSettings(Four(*self._scale.tolist()), moves_air)
 
     def initial_memory(self, state: Floats) -> Floats:
         """Return the memory of vehicles at hover thrust with states of shape (n, 18), shape (n, k)."""
@@ -78,7 +92,13 @@ class EulerPlant:
             disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9); rigid vehicles add their drag to them.
             parameters: Physical parameters in the order of `Parameters.as_array`, shape (n, 9).
         """
-        self.advance_under(self.command(action), state, disturbance, parameters)
+        loops = np.repeat(nominal_loop(self.simulation)[:, np.newaxis], len(state), axis=1)
+        arrays = state, memory, np.asarray(action, np.float64), loops, disturbance, parameters
+        self._advance(*arrays, self._packed, self.simulation.period, self.simulation.substeps)
+
+    @cached_property
+    def _packed(self) -> Floats:
+        return pack(self.settings())
 
     def advance_under(self, command: Floats, state: Floats, disturbance: Floats, parameters: Floats) -> None:
         """Advance states in place under thrust (N) and torques (N·m) that act at once, shape (n, 4)."""
@@ -88,11 +108,12 @@ class EulerPlant:
 class RigidPlant(EulerPlant):
     """A rigid body with rotors, a loop on board, and one of the command interfaces."""
 
-    memory_size = RIGID_SIZE
+    kernel = RIGID_KERNEL
+    _advance = staticmethod(advance_rigid)
 
-    def __init__(self, simulation: Simulation) -> None:
-        super().__init__(simulation)
-        self.settings = make_rigid_settings(simulation)
+    @override
+    def settings(self, moves_air: bool = False) -> RigidSettings:
+        return make_rigid_settings(self.simulation)
 
     @override
     def initial_memory(self, state: Floats) -> Floats:
@@ -106,14 +127,6 @@ class RigidPlant(EulerPlant):
     def actions_for(self, command: Floats, memory: Floats | None = None) -> Floats32:
         start = self._hovering(len(command)) if memory is None else memory
         return rigid_actions(command, start, self.simulation)
-
-    @override
-    def advance(
-        self, state: Floats, memory: Floats, action: Floats32 | Floats, disturbance: Floats, parameters: Floats
-    ) -> None:
-        simulation = self.simulation
-        arrays = state, memory, np.asarray(action, np.float64), disturbance, parameters
-        advance_rigid(*arrays, pack_rigid(simulation), nominal_loop(simulation), simulation.period, simulation.substeps)
 
     @override
     def advance_under(self, command: Floats, state: Floats, disturbance: Floats, parameters: Floats) -> None:

@@ -42,14 +42,14 @@ from quadpend_gym.physics.attitude import (
 )
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import load_physics
-from quadpend_gym.physics.euler_kernel import (
-    BLOCK,
+from quadpend_gym.physics.plant_kernel import (
     LANE_STATE_SIZE,
     THRUST_AXIS,
+    PlantKernel,
+    acts_later,
     add_mean,
+    advance_rows,
     find_acting,
-    gather,
-    scatter,
 )
 from quadpend_gym.physics.rigid_body import (
     LANE_BODY_SIZE,
@@ -65,7 +65,7 @@ from quadpend_gym.physics.rigid_body import (
     rigid_physics,
     store_body,
 )
-from quadpend_gym.physics.rigid_settings import LOOP_SIZE, RigidSettings, make_rigid_settings, unpack_rigid, with_loop
+from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings, unpack_rigid, with_loop
 from quadpend_gym.physics.rotors import (
     BODY_RATES,
     ROTOR_THRUSTS,
@@ -82,7 +82,6 @@ from quadpend_gym.physics.state import (
     BOB_FORCE,
     DIRECTION,
     DIRECTION_RATE,
-    DISTURBANCE_SIZE,
     EULER,
     EULER_RATE,
     FORCE,
@@ -105,14 +104,15 @@ from quadpend_gym.physics.vectors import (
     store_four,
 )
 from quadpend_gym.vehicles import Parameters, Simulation
-from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 QUATERNION, BODY_RATE, ROTOR_THRUST, RIGID_SIZE = 0, 4, 7, 11
-# In the (field, lane) buffers, the rigid part of the state follows the thrust axis. What a substep commands follows it
-# (rotor thrusts, drag of the rotors, momentum of the propellers), and then the constants of the equations of motion.
+# In the (field, lane) buffers, the rigid part of the state follows the thrust axis, and then come the action that acts,
+# what a substep commands (rotor thrusts, drag of the rotors, momentum of the propellers), and constants of the body.
 RIGID = LANE_STATE_SIZE
 _QUATERNION, _BODY_RATE, _ROTOR_THRUST = RIGID + QUATERNION, RIGID + BODY_RATE, RIGID + ROTOR_THRUST
-_WANTED, _ROTOR_DRAG, _MOMENTUM, _BODY, RIGID_LANE_SIZE = accumulate((RIGID + RIGID_SIZE, 4, 3, 1, LANE_BODY_SIZE))
+_ACTING, _WANTED, _ROTOR_DRAG, _MOMENTUM, _BODY, RIGID_LANE_SIZE = accumulate(
+    (RIGID + RIGID_SIZE, ACTION_SIZE, 4, 3, 1, LANE_BODY_SIZE)
+)
 
 
 @inlined
@@ -224,42 +224,43 @@ def store_outputs(state: Any, lane: int) -> None:
 
 
 @inlined
-def store_present(state: Any, rigid: RigidSettings, lane: int, command: Any) -> None:
-    """Write the thrust axis, and the thrust (N) and the torques (N·m) of the rotors at this moment into `command`."""
+def _store_axis(state: Any, lane: int) -> None:
     store(state, THRUST_AXIS, lane, rotation_matrix(_load_quaternion(state, lane)).z)
-    store_four(command, 0, lane, wrench_of(load_four(state, _ROTOR_THRUST, lane), rigid.rotors))
+
+
+@inlined
+def _store_command(action: Any, rigid: RigidSettings, loops: Any, lane: int, state: Any, command: Any) -> None:
+    """Write the thrust (N) and the torques (N·m) of the rotors."""
+    wrench = wrench_of(load_four(state, _ROTOR_THRUST, lane), with_loop(rigid, loops, lane).rotors)
+    store_four(command, 0, lane, wrench)
 
 
 @inlined
 def integrate_rigid(
     state: Any,
     issued: Any,
-    ages: Any,
     loops: Any,
     disturbance: Any,
     velocity: Any,
-    parameters: Any,
+    physics: Any,
     rigid: RigidSettings,
     lanes: int,
     period: float,
     substeps: int,
     command: Any,
 ) -> None:
-    """Advance one block by a control period, in (field, lane) buffers; `state` has `RIGID_LANE_SIZE` fields.
-
-    `issued` and `ages` are those of `euler_kernel.find_acting`, `loops` has the numbers of `with_loop`. The mean of
-    thrust (N) and torques (N·m) of the rotors over the period is written into `command`.
-    """
+    """Advance one block by a control period, as `integrate_euler`."""
     for lane in range(lanes):
-        add_drag(load(velocity, 0, lane), state, parameters, lane, disturbance)
-        body = rigid_physics(load_physics(parameters, lane), rigid.correlation, rigid.pivot, rigid.shape)
+        add_drag(load(velocity, 0, lane), state, physics, lane, disturbance)
+        body = rigid_physics(load_physics(physics, lane), rigid.correlation, rigid.pivot, rigid.shape)
         store_body(state, _BODY, lane, body)
         state[_MOMENTUM, lane] = 0.0
         store_four(command, 0, lane, Four(0.0, 0.0, 0.0, 0.0))
-    acting = np.empty((ACTION_SIZE, state.shape[1]))
+    acting = state[_ACTING:_WANTED]
     h, has_momentum = period / substeps, rigid.rotors.momentum > 0.0
     for substep in range(substeps):
-        find_acting(issued, ages, substep, lanes, acting)
+        if substep == 0 or acts_later(loops, substep, lanes):
+            find_acting(issued, loops, substep, lanes, acting)
         share = 1.0 / (substep + 1.0)
         for lane in range(lanes):
             _prepare(state, load_four(acting, 0, lane), velocity, with_loop(rigid, loops, lane), lane)
@@ -270,11 +271,15 @@ def integrate_rigid(
                 middle = thrusts_after(start, wanted, rotors.rise.y, rotors.fall.y)
                 state[_MOMENTUM, lane] = propeller_momentum(middle, rotors)
         for lane in range(lanes):
-            physics, body = load_physics(parameters, lane), load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
-            mean = _substep(state, disturbance, physics, body, with_loop(rigid, loops, lane), lane, h)
+            parameters = load_physics(physics, lane)
+            body = load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
+            mean = _substep(state, disturbance, parameters, body, with_loop(rigid, loops, lane), lane, h)
             add_mean(mean, share, lane, command)
     for lane in range(lanes):
         store_outputs(state, lane)
+
+
+RIGID_KERNEL = PlantKernel(RIGID_SIZE, RIGID_LANE_SIZE, integrate_rigid, store_outputs, _store_axis, _store_command)
 
 
 @compiled
@@ -282,51 +287,19 @@ def advance_rigid(
     state: Floats,
     memory: Floats,
     action: Floats,
+    loops: Floats,
     disturbance: Floats,
     parameters: Floats,
     packed: Floats,
-    loop: Floats,
     period: float,
     substeps: int,
 ) -> None:
-    """Advance n states and their memories, shape (n, 11), in place by one period, see `RigidPlant.advance`.
+    """Advance n states and their memories, shape (n, 11), in place by one period, see `plant_kernel.advance_rows`.
 
-    `packed` is a packed `RigidSettings`; `loop` has the numbers of `with_loop`, shape (10,).
+    `packed` is a packed `RigidSettings`.
     """
     rigid = unpack_rigid(packed)
-    state_lanes, issued, loops = (
-        np.empty((RIGID_LANE_SIZE, BLOCK)),
-        np.empty((ACTION_SIZE, BLOCK)),
-        np.empty((LOOP_SIZE, BLOCK)),
-    )
-    ages, command = np.zeros((substeps, BLOCK), np.int16), np.empty((ACTION_SIZE, BLOCK))
-    disturbance_lanes = np.empty((DISTURBANCE_SIZE, BLOCK))
-    velocity_lanes, physics_lanes = np.zeros((3, BLOCK)), np.empty((PARAMETERS_SIZE, BLOCK))
-    for field in range(LOOP_SIZE):
-        loops[field] = loop[field]
-    for first in range(0, state.shape[0], BLOCK):
-        lanes = min(BLOCK, state.shape[0] - first)
-        gather(state, first, lanes, state_lanes)
-        gather(memory, first, lanes, state_lanes[RIGID:])
-        gather(action, first, lanes, issued)
-        gather(disturbance, first, lanes, disturbance_lanes)
-        gather(parameters, first, lanes, physics_lanes)
-        integrate_rigid(
-            state_lanes,
-            issued,
-            ages,
-            loops,
-            disturbance_lanes,
-            velocity_lanes,
-            physics_lanes,
-            rigid,
-            lanes,
-            period,
-            substeps,
-            command,
-        )
-        scatter(state_lanes, first, lanes, state)
-        scatter(state_lanes[RIGID:], first, lanes, memory)
+    advance_rows(RIGID_KERNEL, state, memory, action, loops, disturbance, parameters, rigid, period, substeps)
 
 
 @compiled

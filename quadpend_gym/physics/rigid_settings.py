@@ -9,14 +9,14 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics import rotors as codes
-from quadpend_gym.physics.euler_kernel import LOOP_EFFICIENCY
+from quadpend_gym.physics.plant_kernel import LOOP_EFFICIENCY
 from quadpend_gym.physics.rotors import RateLoopSettings, RotorSettings, rate_loop_gains
 from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, load_four
 from quadpend_gym.vehicles import Simulation, hover_wrench, mixing
 
 # Numbers of a vehicle and its interface that may differ from one episode to another, see `randomization.LoopRanges`:
 # `RotorSettings.efficiency`; both gains of `RateLoopSettings`; the last two shares of `RotorSettings.rise` and `fall`.
-_RATE_GAIN, _TORQUE_GAIN, _RISE, _FALL, LOOP_SIZE = 4, 5, 6, 8, 10
+_RATE_GAIN, _TORQUE_GAIN, _RISE, _FALL = 4, 5, 6, 8
 _CODES = {"wrench": codes.WRENCH, "body_rates": codes.BODY_RATES, "rotors": codes.ROTOR_THRUSTS}
 
 
@@ -81,8 +81,8 @@ def loop_numbers(simulation: Simulation, rate_loop: float, rotor_lag: float, thr
 
 @lru_cache(maxsize=128)
 def nominal_loop(simulation: Simulation) -> Floats:
-    """Return the numbers of a loop without random constants, shape (10,); the paper's vehicle has the efficiency only."""
-    return np.array(loop_numbers(simulation, 1.0, 1.0, 1.0))
+    """Return the loop without random constants and without latency, shape (10 + s,), see `plant_kernel`."""
+    return np.array([*loop_numbers(simulation, 1.0, 1.0, 1.0), *[0.0] * simulation.substeps])
 
 
 def _symmetric(a: Floats) -> Symmetric:

@@ -36,7 +36,8 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.envs.loops import Schedule
-from quadpend_gym.physics.euler_kernel import integrate_euler
+from quadpend_gym.physics.euler_kernel import EulerSettings, integrate_euler
+from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, POSITION, STATE_SIZE, VELOCITY
@@ -69,8 +70,7 @@ class LoopNumbers(NamedTuple):
     """The vehicle and the parts of a known loop by which an estimate advances in turn, see `Prediction`."""
 
     parts: Any  # length (s) and substeps, shape (k, 2)
-    ages: Any  # of the action that acts in each substep, see `euler_kernel.acting`, shape (k, s, 1)
-    nominal: Any  # numbers of the loop, see `Schedule.loops`, shape (7, 1)
+    nominal: Any  # see `Schedule.loops`, shape (10 + s, 1)
     actuators: Any  # `Loop.numbers` of each part, shape (k, m, 4)
     plant: PlantNumbers
 
@@ -81,7 +81,7 @@ unpack_plant = unpacker(PlantNumbers)
 @inlined
 def unpack_loop(packed: Any) -> LoopNumbers:
     """Return the numbers that `Prediction.numbers` has packed."""
-    return LoopNumbers(packed[0], packed[1], packed[2], packed[3], unpack_plant(packed[4]))
+    return LoopNumbers(packed[0], packed[1], packed[2], unpack_plant(packed[3]))
 
 
 @inlined
@@ -109,12 +109,12 @@ def advance(
     Its reference moves along. The buffer has the shape (BUFFER_SIZE, 1).
     """
     plant, actuators = loop.plant, loop.actuators[k]
-    period, substeps, ages = loop.parts[k, 0], int(loop.parts[k, 1]), loop.ages[k]
+    period, substeps, numbers = loop.parts[k, 0], int(loop.parts[k, 1]), loop.nominal
     issued, acting, command = buffer[_BEFORE:_FORCES], buffer[_ACTION:_FORCES], buffer[_COMMAND:BUFFER_SIZE]
     store_four(acting, 0, 0, action)
     act(acting, plant.delay, actuators, memory, LOOP, lane)
     last = LOOP + ACTION_SIZE * (plant.delay + actuators.shape[0])
-    if ages[0, 0] > 0:
+    if numbers[LOOP_SIZE, 0] > 0.0:
         for i in range(ACTION_SIZE):
             issued[i, 0], memory[last + i, lane] = memory[last + i, lane], acting[i, 0]
     for i in range(STATE_SIZE):
@@ -129,15 +129,15 @@ def advance(
     buffer[_PARAMETERS + PARAMETERS_SIZE - 2, 0] = plant.quadrotor_drag_area
     buffer[_PARAMETERS + PARAMETERS_SIZE - 1, 0] = plant.bob_drag_area
     lanes, parameters, forces = buffer[:_PARAMETERS], buffer[_PARAMETERS:_BEFORE], buffer[_FORCES:_AIR]
+    air = buffer[_AIR:_COMMAND]
     if rigid is None:
-        scale, numbers = plant.command_scale, loop.nominal
-        integrate_euler(lanes, issued, ages, numbers, forces, parameters, scale, 1, period, substeps, command)
+        own = EulerSettings(plant.command_scale, False)
+        integrate_euler(lanes, issued, numbers, forces, air, parameters, own, 1, period, substeps, command)
     else:
         for i in range(RIGID_SIZE):
             buffer[RIGID + i, 0] = memory[RIGID_PART + i, lane]
-        air, numbers = buffer[_AIR:_COMMAND], loop.nominal
         store(air, 0, 0, Vec3(0.0, 0.0, 0.0))
-        integrate_rigid(lanes, issued, ages, numbers, forces, air, parameters, rigid, 1, period, substeps, command)
+        integrate_rigid(lanes, issued, numbers, forces, air, parameters, rigid, 1, period, substeps, command)
         for i in range(RIGID_SIZE):
             memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
     for i in range(STATE_SIZE):
@@ -233,8 +233,7 @@ class Prediction:
         plant = PlantNumbers(model.numbers, *areas, Four(*scale.tolist()), loop.steps, loop.sensor_delay)
         rest = self._latency[1] * self.simulation.period / self.simulation.substeps
         schedule = Schedule(None, replace(self.simulation, latency=rest), 1)
-        ages = np.tile(schedule.ages, (len(self.parts), 1, 1))
-        return (self.parts, ages, schedule.loops, self.actuators, pack(plant)), model.packed_rigid
+        return (self.parts, schedule.loops, self.actuators, pack(plant)), model.packed_rigid
 
     def compensate(self, wanted: Floats32, estimate: Floats) -> Floats32:
         """Return the actions that compensate the lags of the loop, shape (n, 4), see `loop.compensate`.

@@ -10,7 +10,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs import outcome as places
 from quadpend_gym.envs.loops import Schedule
-from quadpend_gym.envs.step_kernel import STEP, run_euler, run_rigid
+from quadpend_gym.envs.step_kernel import KERNELS, STEP
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.task import TASKS
@@ -33,7 +33,7 @@ def call(function: Any, *arguments: Floats) -> list[Floats]:
 def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
     """Return next state, next memory, observation and outcome of the compiled step."""
     rows, plant = len(x.state), plant_of(simulation)
-    size, schedule = plant.memory_size, Schedule(None, simulation, rows)
+    schedule = Schedule(None, simulation, rows)
     outcome = np.zeros((places.OUTCOME_SIZE, rows))
     memory = np.hstack([np.zeros((rows, layout.MEMORY_SIZE)), x.memory])
     memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS] = x.state, x.parameters
@@ -41,8 +41,8 @@ def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Fl
     observation = np.zeros((rows, OBSERVATION_SIZE), np.float32)
     settings = layout.pack_settings(TASK, plant, moves_air=True, has_sensors=False)
     inputs = memory, np.zeros(rows, np.int64), np.ascontiguousarray(x.wind.T), np.asarray(x.action, np.float32)
-    numbers = schedule.ages, schedule.loops, np.zeros(0), settings, np.zeros(rows, np.bool_)
-    (run_rigid if size else run_euler)(STEP, *inputs, *numbers, observation, outcome, 0, rows)
+    numbers = schedule.loops, np.zeros(0), settings
+    KERNELS[plant.kernel](STEP, *inputs, *numbers, observation, outcome, 0, rows)
     return memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_SIZE :], observation, outcome
 
 

@@ -30,7 +30,7 @@ from quadpend_gym.actuators import ActionDelay, GyroBias, MotorLag, PacketLoss, 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import CompiledFunction, columns, lift
 from quadpend_gym.physics.dynamics import thrust_axis
-from quadpend_gym.physics.rigid_settings import LOOP_SIZE
+from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, EULER_RATE, STATE_SIZE
 from quadpend_gym.physics.vectors import load
 from quadpend_gym.randomization import LoopRanges
@@ -92,7 +92,7 @@ class Kind(NamedTuple):
             elif isinstance(model, GyroBias):
                 parts.append(memory)
         if self.loop is not None:
-            parts += [world.schedule.loops.T, world.schedule.ages.T]
+            parts.append(world.schedule.loops.T)
         return np.hstack([np.zeros((world.num_envs, 0)), *parts])
 
     def initial(self, state: Floats) -> Floats:
