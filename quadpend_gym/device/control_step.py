@@ -319,7 +319,8 @@ class _Generator:
     def substep(self, x: Any, acting: Any, force: Any, air: Any, parameters: Any, loop: Any = None) -> Any:
         """Return x after a substep under the action that acts in it."""
         h, physics, disturbance = self.simulation.period / self.simulation.substeps, columns(parameters), columns(force)
-        loops = columns(nominal_loop(self.simulation) if self.loop is None else loop[:LOOP_SIZE], LOOP_SIZE + 1)
+        numbers = nominal_loop(self.simulation) if self.loop is None else loop
+        loops = columns(numbers[:LOOP_SIZE], LOOP_SIZE + 1)
         loops[LOOP_SIZE, 0] = 0.0  # the action acts that is issued
         lanes, plant = self._lanes(x), self.plant
         flying = lanes, columns(acting), loops, disturbance, columns(air), physics, plant.settings()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.vehicles import Simulation
 from tests.helpers.envs import ENDLESS, draw_actions, make_unwrapped, make_vec, run_actions
 from tests.helpers.random_settings import INTERFACES
@@ -66,5 +65,3 @@ def test_a_diverged_rigid_vehicle_returns_to_its_last_state_and_terminates() -> 
     assert np.isfinite(observation).all()
     changed = (vec.world._memory != before).any(axis=1)
     assert changed.tolist() == [False, True]
-    assert_array_equal(vec.world.state[0], before[0, :18])
-    assert_array_equal(vec.world._memory[0, layout.MEMORY_RIGID], before[0, layout.MEMORY_RIGID])
