@@ -71,15 +71,19 @@ class ObservationLayout(tuple[str, ...]):
 
     def select(self, names: Iterable[str]) -> Any:
         """Return the columns of fields in the order of their names: a slice where they are next to each other."""
-        columns = np.concatenate([np.r_[self.columns[name]] for name in names])
+        columns = np.concatenate([np.r_[look_up(self.columns, name, "field of the observation")] for name in names])
         return slice(int(columns[0]), int(columns[-1]) + 1) if (np.diff(columns) == 1).all() else columns
+
+    def check(self, observation: Floats32 | Floats) -> None:
+        """Refuse observations, shape (..., m), of another size."""
+        if np.shape(observation)[-1] != self.size:
+            raise ValueError(
+                f"an observation of {', '.join(self)} has {self.size} numbers, not {np.shape(observation)[-1]}"
+            )
 
     def read(self, observation: Floats32 | Floats, name: str) -> Floats:
         """Return a field of observations, shape (..., size), in physical units, shape (..., k), float64."""
-        if np.shape(observation)[-1] != self.size:
-            raise ValueError(
-                f"an observation of {', '.join(self)} has {self.size} numbers, not {observation.shape[-1]}"
-            )
+        self.check(observation)
         columns = look_up(self.columns, name, "field of the observation")
         return np.asarray(observation[..., columns] * self.scale[columns])
 

@@ -11,7 +11,8 @@ from stable_baselines3 import PPO
 from quadpend_baselines import controller
 from quadpend_gym import OBSERVATION_FIELDS, Reference, read_observation
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
+from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK
 from quadpend_gym.wrappers import HistoryWrapper
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from tests.helpers.envs import draw_actions, make_unwrapped, run_actions
@@ -64,11 +65,13 @@ def test_the_papers_controller_uses_no_velocities(name: str) -> None:
     """Its actions on 27 numbers equal those on 36."""
     layers = [("WindWrapper", "breeze"), ("sensors", NOISE)]
     whole, outputs = make_wrapped_vec(3, layers), make_wrapped_vec(3, [*layers, OUTPUTS])
-    policy, memories = controller(name), [None, None]
+    memories = [None, None]
+    policies = [controller(name).adapt(Scenario(observation=fields)) for fields in (FULL, OUTPUT_FEEDBACK)]
     observations = [whole.reset(seed=0)[0], outputs.reset(seed=0)[0]]
     for _ in range(100):
         actions: Any
-        actions, memories = zip(*map(policy.predict, observations, memories), strict=True)
+        flown = zip(policies, observations, memories, strict=True)
+        actions, memories = zip(*(policy.predict(*given) for policy, *given in flown), strict=True)
         assert_array_equal(actions[0], actions[1])
         observations = [env.step(action)[0] for env, action in zip((whole, outputs), actions, strict=True)]
 

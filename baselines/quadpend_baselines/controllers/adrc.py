@@ -116,7 +116,6 @@ from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, load_four, scale, store_four
 from quadpend_gym.tasks.observation import (
-    OBSERVATION_SIZE,
     OUTPUT_FEEDBACK_COLUMNS,
     OUTPUT_FEEDBACK_SIZE,
 )
@@ -297,12 +296,12 @@ def estimated_forces(estimate: Any, lane: int, numbers: AdrcNumbers, model: Pend
 
 @compiled
 def _observe(
-    last: Any, observation: Floats32, bank: Floats, packed: Floats, packed_loop: Any, packed_rigid: Any, out: Floats
+    last: Any, seen: Any, bank: Floats, packed: Floats, packed_loop: Any, packed_rigid: Any, out: Floats
 ) -> None:
     """Write the observers' states after an observation, and its part without rates."""
+    observation, has_rates = seen
     (before, started), numbers, plant, memory = last, unpack_numbers(packed), unpack_loop(packed_loop).plant, out.T
     model, rigid = plant.pendulum, None if packed_rigid is None else unpack_rigid(packed_rigid)
-    has_rates = observation.shape[1] == OBSERVATION_SIZE
     for row in range(out.shape[0]):
         for i in range(OUTPUT_FEEDBACK_SIZE):
             out[row, OBSERVED + i] = observation[row, OUTPUT_FEEDBACK_COLUMNS[i] if has_rates else i]
@@ -350,10 +349,11 @@ def _corrected(error: float, rate: float, share: float) -> float:
 
 @compiled
 def _commands(
-    last: Any, observation: Floats32, packed: Floats, packed_loop: Any, packed_rigid: Any, out: Floats, later: Floats
+    last: Any, seen: Any, packed: Floats, packed_loop: Any, packed_rigid: Any, out: Floats, later: Floats
 ) -> Floats:
     """Return the commands, by the estimates at the time when the action acts (`later`) if the memory contains some."""
     (before, started), numbers, loop = last, unpack_numbers(packed), unpack_loop(packed_loop)
+    observation, has_rates = seen
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
     model, size, buffer = loop.plant.pendulum, later.shape[1], np.empty((BUFFER_SIZE, 1))
     chains, command = np.empty((OBSERVERS_SIZE, 1)), np.empty((out.shape[0], ACTION_SIZE))
@@ -363,7 +363,6 @@ def _commands(
             store_four(command.T, 0, row, adrc(m, out.T, row, numbers, model))
             continue
         now, kept = out[:, PLANT : PLANT + size].T, before[:, PLANT + size : PLANT + 2 * size].T
-        has_rates = observation.shape[1] == OBSERVATION_SIZE
         given, reference = measure(observation.T, row, has_rates, model.vehicle.rod_length)
         s = state_from_chains(given, has_rates, reference, m, out.T, row, model, rigid)
         if not (started[row] or has_rates):
@@ -483,11 +482,12 @@ class ADRC(Controller):
 
     def act(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, Floats]:
         """Return actions and memory; see `Controller.act`."""
-        rows, size = len(observation), self._estimate_size
+        self.loop.observation.check(observation)
+        rows, size, seen = len(observation), self._estimate_size, (observation, self.loop.has_rates)
         memory, later = np.empty((rows, PLANT + 2 * size)), np.empty((rows, size))
         last = memory if state is None else state, episode_start_mask(episode_start, state is None, rows)
-        _observe(last, observation, self._bank, self._packed, *self._prediction.numbers, memory)
-        command = self.command(last, observation, memory, later)
+        _observe(last, seen, self._bank, self._packed, *self._prediction.numbers, memory)
+        command = self.command(last, seen, memory, later)
         if not size:
             action = to_action(command, self.simulation)
         else:
@@ -496,9 +496,9 @@ class ADRC(Controller):
         self._apply(memory, action)
         return action, memory
 
-    def command(self, last: Any, observation: Floats32, memory: Floats, later: Floats) -> Floats:
+    def command(self, last: Any, seen: Any, memory: Floats, later: Floats) -> Floats:
         """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation, shape (n, 4)."""
-        return _commands(last, observation, self._packed, *self._prediction.numbers, memory, later)
+        return _commands(last, seen, self._packed, *self._prediction.numbers, memory, later)
 
     def _apply(self, memory: Floats, action: Floats32) -> None:
         if self._estimate_size:

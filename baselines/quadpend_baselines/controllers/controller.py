@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.measurement import measures_rates
 from quadpend_baselines.policy.protocol import Policy, PolicyWrapper, fed_by_name
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
@@ -79,12 +78,14 @@ def mirror_simulation(simulation: Simulation) -> Simulation:
 class Hanging(PolicyWrapper):
     """A controller that is designed for a simulation of `mirror_simulation`, for a hanging pendulum."""
 
+    policy: Controller
+
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
         """Return action and memory; see `Policy.predict`."""
         mirrored = np.array(observation, np.float32)
-        layout = FULL if measures_rates(np.atleast_2d(mirrored)) else OUTPUT_FEEDBACK
+        layout = self.policy.loop.observation
         for name in {"direction", "direction_rate"} & set(layout):
             mirrored[..., layout.columns[name]] *= -1.0
         return self.policy.predict(mirrored, state, episode_start, deterministic)

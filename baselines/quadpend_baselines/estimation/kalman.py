@@ -47,7 +47,7 @@ from quadpend_baselines.estimation.estimate import (
     store_attitude,
 )
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.measurement import measure, measures_rates
+from quadpend_baselines.estimation.measurement import measure
 from quadpend_baselines.estimation.prediction import BUFFER_SIZE, Prediction, advance, load_action, unpack_loop
 from quadpend_baselines.gains import EstimatorGains
 from quadpend_baselines.modelling import linear_model
@@ -264,12 +264,13 @@ class Estimator:
         """Return the estimates after an observation.
 
         Args:
-            observation: The observation, shape (n, 36), or (n, 27) without velocities.
+            observation: The observation, shape (n, m), laid out as `loop.observation`.
             before: The estimates one period ago; None: the episodes begin with this observation.
             action: The actions since then, shape (n, 4).
             started: The rows whose episode begins with this observation, shape (n,); None: none of them.
         """
-        rows, has_rates = len(observation), measures_rates(observation)
+        self.loop.observation.check(observation)
+        rows, has_rates = len(observation), self.loop.has_rates
         out = np.empty((rows, self.size))
         if before is None or action is None:
             before, action, started = Estimate(out), np.empty((rows, ACTION_SIZE), np.float32), np.ones(rows, np.bool_)

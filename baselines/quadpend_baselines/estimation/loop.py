@@ -14,7 +14,7 @@ moves y towards the wanted action w as a lag of T' does. The estimator predicts 
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay, Noise
+from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK, ObservationLayout
 
 LAG, LIMIT = 0.0, 1.0  # kinds of actuators in `Loop.numbers`
 FASTEST_LAG = 0.02  # s, T': faster ones amplify noise, slower ones track less well; measured with `flatness`
@@ -39,12 +40,14 @@ class Loop:
         actuators: Models of the types `MotorLag` and `RateLimit`, in the order in which they act after the delay.
         sensor_delay: Control steps from a state to its measurement.
         noise: Standard deviations of the white noise of position (m), Euler angles (rad) and direction (rad).
+        observation: The fields that the controller reads, `FULL` or `OUTPUT_FEEDBACK`.
     """
 
     delay: int = 0
     actuators: tuple[Any, ...] = ()
     sensor_delay: int = 0
     noise: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    observation: ObservationLayout = FULL
 
     @classmethod
     def of(cls, sensors: Iterable[Any] = (), actuators: Iterable[Any] = ()) -> "Loop":
@@ -65,8 +68,14 @@ class Loop:
 
     @classmethod
     def known(cls, scenario: Scenario) -> "Loop":
-        """Return the part of a scenario's loop that controllers know."""
-        return cls.of(scenario.sensors, scenario.actuators) if scenario.loop_known else cls()
+        """Return the part of a scenario's loop that controllers know, and what they read of its observation."""
+        loop = cls.of(scenario.sensors, scenario.actuators) if scenario.loop_known else cls()
+        return loop if set(FULL) <= set(scenario.observation) else replace(loop, observation=OUTPUT_FEEDBACK)
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether velocities are observed."""
+        return self.observation == FULL
 
     @property
     def steps(self) -> int:

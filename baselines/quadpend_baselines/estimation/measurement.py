@@ -14,25 +14,19 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.tasks.observation import (
+    FULL,
     OBSERVATION_FIELDS,
     OBSERVATION_SCALE,
     OBSERVATION_SIZE,
-    OUTPUT_FEEDBACK_SIZE,
+    OUTPUT_FEEDBACK,
     REFERENCE_START,
+    ObservationLayout,
 )
 
 TRACKING_ERROR, _TRACKING_ERROR_RATE, DIRECTION, _DIRECTION_RATE, ATTITUDE, _EULER_RATE = (
     OBSERVATION_FIELDS[name].start
     for name in ("tracking_error", "tracking_error_rate", "direction", "direction_rate", "attitude", "euler_rate")
 )
-
-
-def measures_rates(observation: Floats32) -> bool:
-    """Return whether observations, shape (n, 36), or (n, 27) without velocities, contain rates."""
-    size: int = observation.shape[1]
-    if size not in (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE):
-        raise ValueError(f"an observation has {OBSERVATION_SIZE} or {OUTPUT_FEEDBACK_SIZE} numbers, not {size}")
-    return size == OBSERVATION_SIZE
 
 
 @inlined
@@ -83,10 +77,17 @@ def _measure_rows(observation: Floats32, has_rates: bool, rod_length: float, out
         store_vectors(out.T, REFERENCE, row, reference)
 
 
-def measurement_from_observation(observation: Floats32, rod_length: float) -> Estimate:
-    """Convert observations, shape (n, 36), or (n, 27) without velocities, into measured states; l in m."""
-    out = np.zeros((len(observation), LOOP))
-    _measure_rows(np.ascontiguousarray(observation, np.float32), measures_rates(observation), rod_length, out)
+def measurement_from_observation(
+    observation: Floats32, rod_length: float, fields: ObservationLayout = FULL
+) -> Estimate:
+    """Convert observations, shape (n, m), into measured states; l in m.
+
+    The fields are those of the observation; without velocities, rates are zero.
+    """
+    fields.check(observation)
+    has_rates = set(FULL) <= set(fields)
+    columns, out = fields.select(FULL if has_rates else OUTPUT_FEEDBACK), np.zeros((len(observation), LOOP))
+    _measure_rows(np.ascontiguousarray(observation[:, columns], np.float32), has_rates, rod_length, out)
     return Estimate(out)
 
 

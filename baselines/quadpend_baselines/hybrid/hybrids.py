@@ -54,9 +54,11 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import (
+    FULL,
     OBSERVATION_SIZE,
-    OUTPUT_FEEDBACK_COLUMNS,
+    OUTPUT_FEEDBACK,
     REFERENCE_START,
+    ObservationLayout,
 )
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
@@ -220,6 +222,7 @@ class MemoryOnly(Hybrid):
     kind: ClassVar[str] = "memory_only"
     base_controller: Any = "lqg"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
     period: ClassVar[float] = CONTROL_PERIOD  # s, of the simulation that it is made for
+    observed: ClassVar[ObservationLayout] = FULL  # fields of the observations
     teacher: ClassVar[Any] = None  # the base controller, which `controller` is while it teaches
 
     def __post_init__(self) -> None:
@@ -237,6 +240,7 @@ class MemoryOnly(Hybrid):
         """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
         other = copy(self)
         object.__setattr__(other, "period", simulation.period)
+        object.__setattr__(other, "observed", (loop or Loop()).observation)
         object.__setattr__(other, "controller", None)
         return other
 
@@ -252,8 +256,13 @@ class MemoryOnly(Hybrid):
         if memory is not None:
             action, filtered = np.where(started[:, np.newaxis], none, memory.action), memory.filtered
         base_action, teacher = (none, ()) if self.controller is None else self._update(observation, memory, started)
-        measured = observation[:, OUTPUT_FEEDBACK_COLUMNS] if observation.shape[1] == OBSERVATION_SIZE else observation
-        given = measured.astype(np.float64), action.astype(np.float64), filtered, started
+        self.observed.check(observation)
+        given = (
+            observation[:, self.observed.select(OUTPUT_FEEDBACK)].astype(np.float64),
+            action.astype(np.float64),
+            filtered,
+            started,
+        )
         seen, filtered = memory_inputs(*given, memory_numbers(self.period))
         return seen.astype(np.float32), HybridMemory(teacher, base_action, (), filtered, action)
 

@@ -1,6 +1,7 @@
 """A wrapper that puts a hybrid around a vector environment, so that an agent learns or acts as its policy."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,7 @@ class VectorHybridWrapper(VectorWrapper):
         found = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid
         named = isinstance(found.base_controller, str)
         made = found.designed_for if teaches else found.flown_in
+        loop = replace(loop or Loop(), observation=as_layout(layout))
         self.hybrid = made(world.simulation, loop) if named else found
         self.single_observation_space = observation_space(self.hybrid.observation_size(as_layout(layout).size))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)

@@ -31,7 +31,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
 from quadpend_gym.scenarios import SCENARIOS
 from quadpend_gym.sensors import Noise
-from quadpend_gym.tasks.observation import OBSERVATION_SCALE, OUTPUT_FEEDBACK_COLUMNS
+from quadpend_gym.tasks.observation import OBSERVATION_SCALE, OUTPUT_FEEDBACK, OUTPUT_FEEDBACK_COLUMNS
 from quadpend_gym.wind import Constant
 from tests.helpers.controllers import (
     CALM,
@@ -47,6 +47,7 @@ from tests.helpers.physics import UNEQUAL
 FAST = EstimatorGains(noise=1e-3, rate_noise=1e-2, force_walk=2.0, bob_force_walk=0.5, torque_walk=0.5)
 ALL_GAINS = {"fast": FAST} | {name: tuning(name).gains.estimator for name in ("lqr", "flatness")}
 every_gain = pytest.mark.parametrize("gains", ALL_GAINS.values(), ids=ALL_GAINS.keys())
+OUTPUTS = Loop(observation=OUTPUT_FEEDBACK)
 every_measurement = pytest.mark.parametrize("has_rates", [True, False], ids=["all states", "outputs"])
 CIRCLE = Reference(
     offset=(0.5, 0.0, 2.0, 0.4),
@@ -92,7 +93,7 @@ def observed(measurement: Estimate, has_rates: bool = True, length: float = PAPE
 
 def estimates(recording: Recording, gains: EstimatorGains, has_rates: bool, p: Parameters = PAPER) -> list[Estimate]:
     """Return the estimates of a recording, step by step."""
-    observer = Estimator(gains, simulation_of(p))
+    observer = Estimator(gains, simulation_of(p), Loop() if has_rates else OUTPUTS)
     observations = [observed(measurement, has_rates, p.rod_length) for measurement, _ in recording]
     out = [observer.observe(observations[0])]
     for observation, (_, command) in zip(observations[1:], recording[:-1], strict=True):
@@ -182,7 +183,7 @@ def test_rates_that_are_not_measured_begin_with_those_of_a_start_on_the_referenc
     env = make_vec_of(simulation, 20, task=task)
     observation, _ = env.reset(seed=2)
     start = State(measurement_from_observation(observation, simulation.parameters.rod_length).state)
-    begun = State(Estimator(FAST, simulation).observe(observation[:, OUTPUT_FEEDBACK_COLUMNS]).state)
+    begun = State(Estimator(FAST, simulation, OUTPUTS).observe(observation[:, OUTPUT_FEEDBACK_COLUMNS]).state)
     assert_allclose(begun.velocity, start.velocity, atol=1e-5)
     assert_allclose(begun.direction_rate, start.direction_rate, atol=1e-5)
 

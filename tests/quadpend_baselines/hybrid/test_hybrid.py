@@ -19,6 +19,7 @@ from quadpend_baselines.hybrid import (
 from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Constant, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay
+from quadpend_gym.tasks.observation import as_layout
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.controllers import HybridPolicy, constant, run_policy, zero_action
 from tests.helpers.envs import assert_same, make_vec
@@ -35,7 +36,7 @@ feedbacks = pytest.mark.parametrize("outputs", ["full", "output_feedback"])
 def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(name: str, outputs: str) -> None:
     env = make_vec(5, wind="windy", observation=outputs, **SAME_STEP)
     observation, _ = env.reset(seed=0)
-    policy: Any = controller(name)
+    policy: Any = controller(name).designed_for(Simulation(), Loop(observation=as_layout(outputs)))
     action, known = policy.predict(observation)
     estimates_state = isinstance(policy, OutputFeedback)
     state = policy.estimated_observation(known) if estimates_state else observation
@@ -75,7 +76,8 @@ def test_policy_that_acts_alone_observes_the_state_in_which_its_action_acts() ->
 def test_zero_residual_is_the_base_controller_alone(name: str, outputs: str) -> None:
     """Exactly, in every sub-environment, across the ends of episodes."""
     runs = []
-    for policy in (controller(name), HybridPolicy(ResidualAction(name, 0.7))):
+    base = controller(name).designed_for(Simulation(), Loop(observation=as_layout(outputs)))
+    for policy in (base, HybridPolicy(ResidualAction(base, 0.7))):
         env = make_vec(6, wind="windy", observation=outputs, **SAME_STEP, **SHORT)
         runs.append(run_policy(policy, env, 70))
     assert_same(runs[0][0], runs[1][0])

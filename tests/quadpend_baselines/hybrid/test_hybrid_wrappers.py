@@ -10,6 +10,7 @@ from gymnasium.vector import SyncVectorEnv
 from numpy.testing import assert_array_equal
 
 from quadpend_baselines import controller
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import (
     EstimateOnly,
     ResidualAction,
@@ -17,6 +18,7 @@ from quadpend_baselines.hybrid import (
 )
 from quadpend_gym import Simulation
 from quadpend_gym.envs.spaces import observation_space
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, make_vec, run_actions
 from tests.helpers.wrappers import (
@@ -40,7 +42,8 @@ class Single(gym.Wrapper[Any, Any, Any, Any]):
 
     def __init__(self, env: Any, hybrid: Any) -> None:
         super().__init__(env)
-        self.hybrid, self.observation_space = hybrid, observation_space(hybrid.observation_size(27))
+        self.hybrid = hybrid.designed_for(Simulation(), Loop(observation=OUTPUT_FEEDBACK))
+        self.observation_space = observation_space(hybrid.observation_size(27))
 
     def reset(self, **options: Any) -> Any:
         observation, info = self.env.reset(**options)

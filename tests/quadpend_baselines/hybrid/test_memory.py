@@ -8,9 +8,10 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import MemoryOnly, VectorHybridWrapper
 from quadpend_gym import Simulation
 from quadpend_gym.scenarios import find_scenario
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_FIELDS
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_FIELDS
 from tests.helpers.envs import make_vec
 
+OUTPUTS = Loop(observation=OUTPUT_FEEDBACK)
 ATTITUDE = OUTPUT_FEEDBACK_FIELDS["attitude"]
 SHARES = (1.0 - np.exp(-0.01 / np.array([0.02, 0.06, 0.2, 0.6, 2.0])))[:, np.newaxis]
 
@@ -43,7 +44,8 @@ def test_the_inputs_do_not_depend_on_the_heading_and_need_no_velocities() -> Non
     expected = MemoryOnly().observe(observation, None, start)[0]
     np.testing.assert_allclose(MemoryOnly().observe(turned, None, start)[0], expected, atol=1e-5)
     without = observation[:, OUTPUT_FEEDBACK_COLUMNS]
-    np.testing.assert_array_equal(MemoryOnly().observe(without, None, start)[0], expected)
+    flown = MemoryOnly().flown_in(Simulation(), OUTPUTS)
+    np.testing.assert_array_equal(flown.observe(without, None, start)[0], expected)
 
 
 def test_a_designed_hybrid_teaches_what_its_base_controller_does_and_a_flown_one_has_no_teacher() -> None:
@@ -57,8 +59,8 @@ def test_a_designed_hybrid_teaches_what_its_base_controller_does_and_a_flown_one
         np.testing.assert_allclose(env.base_action, expected, atol=1e-6)
         env.step(env.base_action)
         plain = inner.step(expected)[0]
-    flown = MemoryOnly().designed_for(scenario.simulation).flown_in(scenario.simulation, Loop())
-    for hybrid in (flown, MemoryOnly()):
+    flown = MemoryOnly().designed_for(scenario.simulation).flown_in(scenario.simulation, OUTPUTS)
+    for hybrid in (flown, MemoryOnly().flown_in(Simulation(), OUTPUTS)):
         memory = hybrid.observe(plain, None, np.ones(3, np.bool_))[1]
         assert memory.controller == ()
         with pytest.raises(ValueError, match="has no teacher"):
@@ -68,7 +70,8 @@ def test_a_designed_hybrid_teaches_what_its_base_controller_does_and_a_flown_one
 @pytest.mark.parametrize("period", [0.01, 0.02])
 def test_the_least_squares_are_the_body_rate_of_an_action(period: float) -> None:
     """Of vehicles without lag that turn at 5 and 10 rad/s with an action of 1. Few slow actions favour the prior."""
-    hybrid, memory, observation = MemoryOnly().flown_in(Simulation(period=period)), None, np.zeros((2, 27), np.float32)
+    hybrid, memory = MemoryOnly().flown_in(Simulation(period=period), OUTPUTS), None
+    observation = np.zeros((2, 27), np.float32)
     rates = np.array([[5.0, 5.0], [10.0, 10.0]])
     for step in range(round(10.0 / period)):
         seen, memory = hybrid.observe(observation, memory, np.full(2, step == 0))

@@ -45,7 +45,7 @@ def samples_of(observation: Floats32, rod_length: float) -> Floats:
 
     The position is relative to the reference, whose position and velocity are therefore zero.
     """
-    measured = measurement_from_observation(observation, rod_length)
+    measured = measurement_from_observation(observation, rod_length, OUTPUT_FEEDBACK)
     state = State(measured.state)
     x, y, z, w = Rotation.from_euler("xyz", state.euler).as_quat().T
     quaternion = np.stack([w, x, y, z], axis=1)

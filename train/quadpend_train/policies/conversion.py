@@ -23,7 +23,7 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.envs.spaces import action_space
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import FULL, as_layout
+from quadpend_gym.tasks.observation import FULL, ObservationLayout, as_layout
 from quadpend_train.policies.finite_differences import with_velocities
 from quadpend_train.policies.mlp_policy import check_interface
 from quadpend_train.policies.normalization import Normalization
@@ -45,8 +45,7 @@ class ObjectPolicy(Policy):
         self, value: Any, normalization: Normalization | None = None, card: dict[str, Any] | None = None
     ) -> None:
         self.value, self.normalization, self.card = value, normalization, card
-        if card and "observation" in card:
-            self.layouts = (as_layout(card["observation"]),)
+        self.layouts = (as_layout(card["observation"]),) if card and "observation" in card else _layouts(value)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -60,11 +59,15 @@ class ObjectPolicy(Policy):
         return returned
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return a model with the velocities that it needs, and another object as it is."""
-        if self.card is None:
-            return self
-        check_interface(self.card, scenario.simulation)
+        """Return the policy as it reads the observation of a scenario, with velocities if it needs them."""
+        check_interface(self.card or {}, scenario.simulation)
         return with_velocities(self, scenario)
+
+
+def _layouts(value: Any) -> tuple[ObservationLayout, ...] | None:
+    """Return what an object of the user says of its observations by its attribute ``layouts``, presets or lists."""
+    given = getattr(value, "layouts", None)
+    return None if given is None else tuple(map(as_layout, given))
 
 
 class FunctionPolicy(Policy):
