@@ -22,7 +22,7 @@ from quadpend_gym.tasks.task import TASKS, Task, TaskField
 from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES, Simulation, Vehicle
 from quadpend_gym.vehicles.simulation import Interface
 from quadpend_gym.vehicles.vehicle import VehicleField
-from quadpend_gym.wind import as_wind
+from quadpend_gym.wind import PRESETS, as_wind
 from quadpend_gym.wind.base import WINDS
 from quadpend_gym.wind.steady import Factors, Relative, Rising, for_vehicle, rescaled
 
@@ -153,7 +153,10 @@ def _factors(old: Simulation, new: Simulation) -> Factors:
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
     """Return the fields of a scenario as data for JSON, from which `Scenario` makes it again.
 
-    An object of the user's own class becomes its `repr` without its address in memory.
+    Presets of the wind become their names, and an object of the user's own class its `repr` without its address in
+    memory.
     """
     data: dict[str, Any] = to_plain_data(scenario, lambda item: re.sub(r" at 0x[0-9a-fA-F]+", "", repr(item)))
+    pairs = zip(scenario.wind, data["wind"], strict=True)
+    data["wind"] = [next((name for name, model in PRESETS.items() if model == item), own) for item, own in pairs]
     return data

@@ -107,8 +107,8 @@ def fed_by_name(policy: Policy, scenario: Scenario) -> Policy:
     for layout in policy.layouts:
         if set(layout) <= set(seen):
             return SelectedFields(policy, seen.select(layout))
-    lacking = " and ".join(name for name in policy.layouts[-1] if name not in seen)
-    raise ValueError(f"the policy reads {lacking}, which the scenario does not observe: it observes {', '.join(seen)}")
+    lacking = ", ".join(name for name in policy.layouts[-1] if name not in seen)
+    raise ValueError(f"the policy reads {lacking}, which the scenario does not observe; it observes {', '.join(seen)}")
 
 
 def episode_start_mask(episode_start: Any, first: bool, rows: int) -> Booleans:

@@ -107,7 +107,7 @@ def test_a_network_is_refused_where_a_field_is_not_observed(tmp_path: Path) -> N
         assert_refused(lambda policy=policy: policy.adapt(few), "reads attitude, which the scenario does not observe")
         assert policy.adapt(Scenario(observation=policy.layouts[0])) is policy
     for policy in (mlp_policy(27), controller("lqr"), mlp_policy(45, hybrid=ESTIMATE_ONLY)):
-        message = "reads attitude and reference_2.*, which the scenario does not observe: it observes direction, track"
+        message = "reads attitude, reference_2.*, which the scenario does not observe; it observes direction, track"
         assert_refused(lambda policy=policy: policy.adapt(few), message, ValueError)
     assert_refused(
         lambda: controller("swing-up").adapt(Scenario(observation=OUTPUT_FEEDBACK)), "reads .*_rate", ValueError

@@ -278,6 +278,19 @@ def test_a_model_that_was_trained_on_several_vehicles_flies_any(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("kind", [PPO, RecurrentPPO])
+def test_a_model_says_which_fields_it_reads(kind: Any, tmp_path: Path) -> None:
+    fields = ("attitude", "tracking_error")
+    around = SB3VecEnv(Scenario(observation=fields).make_vec(2))  # type: ignore[arg-type]
+    name = "MlpLstmPolicy" if kind is RecurrentPPO else "MlpPolicy"
+    kind(name, around, device="cpu", **ROLLOUT).save(path := tmp_path / "model.zip")
+    policy, scenario = load_policy(str(path)), Scenario()
+    assert policy.layouts == (fields,)
+    observation = scenario.make_vec(2).reset(seed=0)[0]
+    action = policy.adapt(scenario).predict(observation)[0]
+    assert_array_equal(action, policy.predict(observation[:, [12, 13, 14, 0, 1, 2]])[0])
+
+
+@pytest.mark.parametrize("kind", [PPO, RecurrentPPO])
 def test_a_model_is_refused_where_its_actions_mean_something_else(kind: Any, tmp_path: Path) -> None:
     rates = Scenario(vehicle="hummingbird", interface="body_rates")
     for scenario, other in ((Scenario(vehicle="hummingbird"), rates), (rates, Scenario(vehicle="hummingbird"))):
