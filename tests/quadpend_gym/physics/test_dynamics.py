@@ -4,21 +4,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     COMMAND_TORQUE,
     DISTURBANCE_SIZE,
     STATE_SIZE,
-    THRUST,
     Disturbance,
     State,
 )
-from quadpend_gym.vehicles import Parameters
-from tests.helpers.invariants import energy, momentum
+from tests.helpers.controllers import rotate_states, rotate_vectors
 from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states, simulate_period
 
 ROWS = 50
@@ -26,67 +22,25 @@ NO_COMMAND, NO_DISTURBANCE = np.zeros(COMMAND_SIZE), np.zeros(DISTURBANCE_SIZE)
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def tumbling(seed: int, parameters: Parameters = UNEQUAL) -> tuple[Floats, Floats, Floats]:
+def tumbling(seed: int) -> tuple[Floats, Floats, Floats]:
     """Draw the states, commands and disturbances of `ROWS` tumbling sub-environments."""
-    return random_states(ROWS, seed), random_commands(ROWS, seed, parameters), random_disturbances(ROWS, seed)
+    return random_states(ROWS, seed), random_commands(ROWS, seed, UNEQUAL), random_disturbances(ROWS, seed)
 
 
-def state_rate(state: Floats, command: Floats, disturbance: Floats, parameters: Parameters) -> Floats:
-    """Return the time derivative of the state, shape (n, 18)."""
-    s, rate = State(state), State(np.empty_like(state))
-    second = accelerations(state, command, disturbance, parameters)
-    rate.position[:], rate.velocity[:] = s.velocity, second.position
-    rate.euler[:], rate.euler_rate[:] = s.euler_rate, second.euler
-    rate.direction[:], rate.direction_rate[:] = s.direction_rate, second.direction
-    return rate.array
-
-
-def thrust_force(state: Floats, command: Floats) -> Floats:
-    """Return u R e₃ from the product of the three rotation matrices, N, shape (n, 3)."""
-    (s1, s2, s3), (c1, c2, c3) = np.sin(State(state).euler).T, np.cos(State(state).euler).T
-    zero, one = np.zeros_like(s1), np.ones_like(s1)
-    roll = np.array([[one, zero, zero], [zero, c1, -s1], [zero, s1, c1]])
-    pitch = np.array([[c2, zero, s2], [zero, one, zero], [-s2, zero, c2]])
-    yaw = np.array([[c3, -s3, zero], [s3, c3, zero], [zero, zero, one]])
-    axis = np.einsum("ijn,jkn,kln,l->ni", yaw, pitch, roll, UP)
-    return np.asarray(command[:, [THRUST]] * axis)
-
-
-def test_the_rate_of_the_energy_is_the_power_of_the_inputs() -> None:
-    """dE/dt = F·ζ̇ + d_B·ṗ + (τ + d_τ)·η̇."""
-    state, command, disturbance = tumbling(0)
-    s, d = State(state), Disturbance(disturbance)
-    rate = state_rate(state, command, disturbance, UNEQUAL)
-    # The energy is quadratic in the state except for linear terms, so this central difference is the exact derivative.
-    energy_rate = (energy(state + rate, UNEQUAL) - energy(state - rate, UNEQUAL)) / 2.0
-    bob_velocity = s.velocity + UNEQUAL.rod_length * s.direction_rate
-    powers = np.concatenate(
-        [
-            (thrust_force(state, command) + d.force) * s.velocity,
-            d.bob_force * bob_velocity,
-            (command[:, COMMAND_TORQUE:] + d.torque) * s.euler_rate,
-        ],
-        axis=-1,
-    )
-    assert_allclose(energy_rate, powers.sum(-1), rtol=0.0, atol=1e-10 * np.abs(powers).max())
+def energy(state: Floats) -> Floats:
+    """Return the kinetic plus potential energy in J, equations (2)–(5) of the paper, shape (n,)."""
+    s, p = State(state), UNEQUAL
+    bob_velocity, bob = s.velocity + p.rod_length * s.direction_rate, s.position + p.rod_length * s.direction
+    squares = [np.sum(rate**2, -1) for rate in (s.velocity, bob_velocity)]
+    turning = np.sum(s.euler_rate**2 * [p.inertia_roll, p.inertia_pitch, p.inertia_yaw], -1)
+    moving = [0.5 * squares[0] + p.gravity * s.position[:, 2], 0.5 * squares[1] + p.gravity * bob[:, 2]]
+    return np.asarray(p.quadrotor_mass * moving[0] + p.bob_mass * moving[1] + 0.5 * turning)
 
 
 def test_energy_is_conserved_without_inputs() -> None:
     state = random_states(ROWS, 1)
     after = simulate_period(state, NO_COMMAND, NO_DISTURBANCE, UNEQUAL, period=10.0, substeps=8000)
-    assert_allclose(energy(after, UNEQUAL), energy(state, UNEQUAL), rtol=0.0, atol=1e-8)
-
-
-def test_momentum_changes_by_the_impulse_of_the_external_forces() -> None:
-    state, command, disturbance = tumbling(3)
-    period, intervals = 1.0, 400
-    times = np.linspace(0.0, period, 2 * intervals + 1)
-    weights = np.array([1.0, *[4.0, 2.0] * (intervals - 1), 4.0, 1.0]) / (6.0 * intervals)
-    path = [simulate_period(state, command, disturbance, UNEQUAL, time, 200) for time in times]
-    thrust = sum(w * thrust_force(point, command) for w, point in zip(weights, path, strict=True))
-    weight = UNEQUAL.total_mass * UNEQUAL.gravity * UP
-    impulse = thrust + period * (Disturbance(disturbance).force + Disturbance(disturbance).bob_force - weight)
-    assert_allclose(momentum(path[-1], UNEQUAL) - momentum(state, UNEQUAL), impulse, rtol=0.0, atol=1e-7)
+    assert_allclose(energy(after), energy(state), rtol=0.0, atol=1e-8)
 
 
 def test_integrator_is_of_fourth_order() -> None:
@@ -114,40 +68,15 @@ def test_the_attitude_is_integrated_exactly() -> None:
         assert_allclose(after.euler_rate, s.euler_rate + 0.5 * euler_ddot, rtol=0.0, atol=1e-13)
 
 
-def rotate_vectors(array: Floats, rotation: Floats) -> Floats:
-    """Rotate each of the k world vectors in the rows of an array of shape (n, 3 k)."""
-    return np.asarray((array.reshape(len(array), -1, 3) @ rotation.T).reshape(array.shape))
-
-
-def rotate_state(state: Floats, rotation: Floats, yaw: float = 0.0) -> Floats:
-    """Return the states after a rotation of the world, which adds `yaw` to ψ."""
-    result = rotate_vectors(state, rotation)
-    State(result).euler[:] = State(state).euler + np.array([0.0, 0.0, yaw])
-    State(result).euler_rate[:] = State(state).euler_rate
-    return result
-
-
-def rotate_disturbance(disturbance: Floats, rotation: Floats) -> Floats:
-    """Return the disturbances with both forces rotated; the torque is about the φ, θ and ψ axes and does not change."""
-    result = rotate_vectors(disturbance, rotation)
-    Disturbance(result).torque[:] = Disturbance(disturbance).torque
-    return result
-
-
 @pytest.mark.parametrize("yaw", [0.3, np.pi / 2, -2.0])
-def test_a_rotation_about_the_vertical_rotates_accelerations_and_motion(yaw: float) -> None:
+def test_a_rotation_about_the_vertical_rotates_the_motion(yaw: float) -> None:
+    """Of the disturbance, both forces rotate; the torque is about the φ, θ and ψ axes and does not change."""
     state, command, disturbance = tumbling(7)
-    rotation = Rotation.from_euler("z", yaw).as_matrix()
-    there = rotate_state(state, rotation, yaw), command, rotate_disturbance(disturbance, rotation), UNEQUAL
-
-    here = accelerations(state, command, disturbance, UNEQUAL)
-    after = accelerations(*there)
-    assert_allclose(after.position, rotate_vectors(here.position, rotation), rtol=0.0, atol=1e-12)
-    assert_allclose(after.euler, here.euler, rtol=0.0, atol=1e-12)
-    assert_allclose(after.direction, rotate_vectors(here.direction, rotation), rtol=0.0, atol=1e-11)
-
-    motion = simulate_period(state, command, disturbance, UNEQUAL, period=0.5, substeps=100)
-    assert_allclose(simulate_period(*there, 0.5, 100), rotate_state(motion, rotation, yaw), rtol=0.0, atol=1e-11)
+    turned = disturbance.copy()
+    turned[:, :6] = rotate_vectors(disturbance[:, :6].reshape(-1, 2, 3), yaw).reshape(-1, 6)
+    here = simulate_period(state, command, disturbance, UNEQUAL, 0.5, 100)
+    there = simulate_period(rotate_states(state, yaw), command, turned, UNEQUAL, 0.5, 100)
+    assert_allclose(there, rotate_states(here, yaw), rtol=0.0, atol=1e-11)
 
 
 def swing(direction: ArrayLike, rate: ArrayLike) -> Floats:
@@ -167,8 +96,6 @@ def test_motion_is_smooth_through_upright_in_every_direction(beta: float) -> Non
         swing(np.sin(angle) * heading + np.cos(angle) * UP, 5.0 * (np.cos(angle) * heading - np.sin(angle) * UP))
         for angle in (-tilt, 0.0, tilt)
     ]
-    motions = [simulate_period(state, command, disturbance, UNEQUAL, 0.2, 40) for state in states]
-    rates = [state_rate(state, command, disturbance, UNEQUAL) for state in states]
-    for before, at, after in (motions, rates):
-        assert_allclose(at, (before + after) / 2.0, rtol=0.0, atol=1e3 * tilt**2)
-        assert np.abs(after - before).max() < 1e3 * tilt
+    before, at, after = (simulate_period(state, command, disturbance, UNEQUAL, 0.2, 40) for state in states)
+    assert_allclose(at, (before + after) / 2.0, rtol=0.0, atol=1e3 * tilt**2)
+    assert np.abs(after - before).max() < 1e3 * tilt

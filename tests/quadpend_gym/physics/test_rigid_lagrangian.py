@@ -1,13 +1,11 @@
 """The equations of motion of rigid vehicles agree with a Lagrangian that sympy differentiates.
 
-The coordinates are those of `tests.helpers.lagrangian`: position, Euler angles, and the spherical angles of
-the pole. With the body rate ω(q, q̇), the direction r(q) and the pole's centre of mass c = ζ + R p + l r, the Lagrangian
-is
+The coordinates are position, Euler angles, and the spherical angles of the pole. With the body rate ω(q, q̇), the
+direction r(q) and the pole's centre of mass c = ζ + R p + l r, the Lagrangian is
 
     L = ½ M ζ̇·ζ̇ + ½ ω·I ω + h ω_z + ½ m ċ·ċ + ½ J ṙ·ṙ − M g ζ_z − m g c_z
 """
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,11 +14,9 @@ import sympy as sp
 from numpy.testing import assert_allclose
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics import dynamics
 from quadpend_gym.physics.state import Disturbance
-from quadpend_gym.vehicles import Pole, Simulation, Vehicle
-from tests.helpers.lagrangian import state_from_coordinates
-from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states
+from quadpend_gym.vehicles import Simulation, Vehicle
+from tests.helpers.physics import random_disturbances, state_from_coordinates
 from tests.helpers.rigid import accelerations, random_vehicle, start
 from tests.helpers.symbolic import SPHERICAL, phi, psi, rate_of, theta, x, y, z
 
@@ -103,17 +99,3 @@ def test_accelerations_solve_the_euler_lagrange_equations(derived: SimpleNamespa
     for name, value in accelerations(flight, wrench, disturbance.array, momentum).items():
         size = float(np.linalg.norm(expected[name]))
         assert_allclose(value, expected[name], rtol=0.0, atol=1e-9 * size, err_msg=name)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_without_offset_and_pole_inertia_the_translation_is_that_of_the_paper(seed: int) -> None:
-    """The closed form of `dynamics` has the same thrust, attitude and forces; only its attitude model differs."""
-    p = UNEQUAL
-    vehicle = random_vehicle(seed, pole=Pole(p.bob_mass, p.rod_length), pivot=(0.0, 0.0, 0.0))
-    vehicle = replace(vehicle, mass=p.quadrotor_mass, gravity=p.gravity)
-    state, disturbance = random_states(1, seed), random_disturbances(1, seed)
-    command = random_commands(1, seed, p)
-    closed = dynamics.accelerations(state, command, disturbance, p)
-    actual = accelerations(start(Simulation(vehicle=vehicle), state), command[0], disturbance[0], 0.0)
-    assert_allclose(actual["position"], closed.position[0], rtol=1e-12)
-    assert_allclose(actual["direction"], closed.direction[0], rtol=1e-12)

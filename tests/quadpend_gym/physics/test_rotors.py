@@ -98,21 +98,6 @@ def test_thrusts_follow_their_commands_as_first_order_lags_that_differ_up_and_do
     assert_allclose(after.memory[0, ROTOR_THRUST:], exact, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("action", "place"), [(-1.0, "lowest"), (0.0, "hover"), (1.0, "highest")])
-def test_the_rotors_interface_commands_lowest_hover_and_highest_thrusts(action: float, place: str) -> None:
-    vehicle = random_vehicle(2, with_rotors=True)
-    vehicle = replace(vehicle, rotors=replace(rotors_of(vehicle), lag_up=0.0))
-    simulation = Simulation(vehicle=vehicle, interface="rotors")
-    low, high = rotors_of(vehicle).thrust
-    thrusts = start(simulation, at_rest()).after(np.full(4, action)).memory[0, ROTOR_THRUST:]
-    expected = {
-        "lowest": np.full(4, low),
-        "hover": np.array(make_rigid_settings(simulation).rotors.hover),
-        "highest": np.full(4, high),
-    }
-    assert_allclose(thrusts, expected[place], rtol=1e-12)
-
-
 @pytest.mark.parametrize("interface", INTERFACES)
 @pytest.mark.parametrize("name", [*PRESETS, "pivot beside the centre of mass"])
 def test_a_zero_action_hovers_for_a_second(name: str, interface: str) -> None:

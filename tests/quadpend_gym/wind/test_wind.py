@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym import PAPER, Constant, Limits, OrnsteinUhlenbeck, Sinusoid, StillAir, Task
+from quadpend_gym import PAPER, Constant, Limits, OrnsteinUhlenbeck, Sinusoid, State, StillAir, Task
+from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.wind import KINDS, Sum, as_wind
 from tests.helpers.envs import (
@@ -16,7 +17,6 @@ from tests.helpers.envs import (
     make_unwrapped,
     make_vec,
 )
-from tests.helpers.invariants import momentum
 from tests.helpers.wind import EXAMPLES, PERIOD, every_kind, sample_wind
 
 STORMY = WINDY + "storm" + Constant(velocity=(3.0, -4.0, 1.0))
@@ -77,6 +77,11 @@ def test_the_wind_of_episode_k_does_not_depend_on_policy_number_of_rows_or_episo
         assert len({episode[3] for episode in results[0]}) == len(results[0])
 
 
+def momentum(state: State) -> Floats:
+    """Return the linear momentum of both bodies in kg·m/s, world frame."""
+    return np.asarray(PAPER.total_mass * state.velocity + PAPER.bob_mass * PAPER.rod_length * state.direction_rate)
+
+
 @pytest.mark.parametrize("wind", [WINDY, STORMY], ids=["forces", "forces and moving air"])
 def test_the_disturbance_in_info_determines_the_next_state(wind: Any) -> None:
     """The state and the momentum follow from the previous state, the action and `info["disturbance"]`."""
@@ -84,11 +89,11 @@ def test_the_disturbance_in_info_determines_the_next_state(wind: Any) -> None:
     env.reset(seed=0)
     parameters = PAPER.as_array()[np.newaxis]
     for action in (*draw_actions(0, 5), *np.tile([-1.0, 0.0, 0.0, 0.0], (5, 1))):
-        state, before = env.state.array[np.newaxis].copy(), momentum(env.state.array, PAPER)
+        state, before = env.state.array[np.newaxis].copy(), momentum(env.state)
         disturbance = env.step(action)[4]["disturbance"]
         command = np.array([[PAPER.hover_thrust, 5.0, 5.0, 1.0]]) * (action + np.eye(4)[0])
         advance(state, command, disturbance[np.newaxis], parameters, PERIOD, 2)
         assert_allclose(env.state.array, state[0], atol=1e-14)
         if action[0] == -1.0:  # no thrust
             force = disturbance[0:3] + disturbance[3:6] - (0.0, 0.0, PAPER.hover_thrust)
-            assert_allclose(momentum(env.state.array, PAPER) - before, PERIOD * force, rtol=1e-9)
+            assert_allclose(momentum(env.state) - before, PERIOD * force, rtol=1e-9)
