@@ -10,12 +10,10 @@ import pytest
 
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.vehicles import VEHICLES
-from quadpend_gym.wind import as_wind
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.policies.loading import load_policy
 from tests.helpers.sources import ROOT
-from tests.helpers.wind import sample_wind
 
 EXAMPLES = ROOT / "docs/examples"
 
@@ -60,12 +58,3 @@ def test_the_example_handles_single_observations_new_episodes_and_other_vehicles
     restarted, _ = policy.predict(observation, 0.1 + memory, np.array([True, False]))
     assert (restarted[0] == action[0]).all()
     assert (restarted[1] != action[1]).any()
-
-
-def test_the_wind_of_the_example_turns_from_a_random_heading(folder: Path) -> None:
-    (wind,) = as_wind("turning:TurningForce")
-    force = sample_wind(wind, 100, 50)[..., :2]
-    np.testing.assert_allclose(np.linalg.norm(force, axis=-1), 0.3)
-    heading = np.unwrap(np.arctan2(force[..., 1], force[..., 0]), axis=0)
-    np.testing.assert_allclose(heading[-1] - heading[0], 0.5 * 0.99)
-    assert np.ptp(heading[0]) > 4.0

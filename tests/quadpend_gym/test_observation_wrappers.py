@@ -6,15 +6,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from stable_baselines3 import PPO
 
 from quadpend_baselines import controller
-from quadpend_gym import OBSERVATION_FIELDS, Reference, read_observation
+from quadpend_gym import Reference
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK
 from quadpend_gym.wrappers import HistoryWrapper
-from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from tests.helpers.envs import draw_actions, make_unwrapped, run_actions
 from tests.helpers.wrappers import (
     ACTUATORS,
@@ -26,23 +24,8 @@ from tests.helpers.wrappers import (
     make_wrapped_vec,
 )
 
-HIDDEN = ("tracking_error_rate", "direction_rate", "euler_rate")
 SIZES = [(4, 0), (3, 2), (1, 3), (2, 5)]  # observations and actions of a history
 sizes = pytest.mark.parametrize(("observations", "actions"), SIZES)
-
-
-def test_output_feedback_keeps_every_field_but_the_velocities() -> None:
-    env, whole = make_wrapped([OUTPUTS]), make_wrapped([])
-    actions = draw_actions(0, 3)
-    observed, observations = ([one.reset(seed=0), *run_actions(one, actions)] for one in (env, whole))
-    assert env.observation_space.shape == (27,)
-    for (outputs, *_), (observation, *_) in zip(observed, observations, strict=True):
-        assert env.observation_space.contains(outputs)
-        for name in OBSERVATION_FIELDS:
-            if name not in HIDDEN:
-                assert_array_equal(
-                    read_observation(outputs, name, OUTPUT_FEEDBACK), read_observation(observation, name)
-                )
 
 
 def test_states_that_differ_only_in_velocities_give_the_same_observation() -> None:
@@ -119,12 +102,3 @@ def test_histories_work_for_other_environments() -> None:
     second = env.step(np.array([0.5]))[0]
     assert_array_equal(first, [*first[:3], *first[:3], 0.0])
     assert_array_equal(second[[0, 1, 2, 6]], [*first[:3], 0.5])
-
-
-def test_ppo_trains_on_histories_of_measured_outputs() -> None:
-    layers = [("sensors", NOISE), OUTPUTS, ("HistoryWrapper", 4, 2)]
-    env = SB3VecEnv(make_wrapped_vec(4, layers, autoreset_mode="SameStep", max_episode_steps=6))
-    model = PPO("MlpPolicy", env, n_steps=8, batch_size=16, n_epochs=1, device="cpu", seed=0).learn(64)
-    single = make_wrapped(layers)
-    action, _ = model.predict(single.reset(seed=0)[0])
-    assert single.step(action)[0].shape == (27 * 4 + 4 * 2,)

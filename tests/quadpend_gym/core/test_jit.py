@@ -7,15 +7,12 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from numba import config, jit
-from numba.core import event
 from numba.core.caching import IndexDataCacheFile
-from numba.core.codegen import JITCodeLibrary
 
 from quadpend_gym.core import jit as module
 from quadpend_gym.core.jit import compiled, inlined
@@ -121,22 +118,6 @@ def test_a_process_says_once_that_it_compiles(tmp_path: Path) -> None:
     assert second == ""
 
 
-def test_a_process_says_so_while_a_single_function_compiles(tmp_path: Path, monkeypatch: Any) -> None:
-    assemble, progress, has_told = JITCodeLibrary._finalize_final_module, module._Progress(), []
-
-    def assemble_slowly(library: Any) -> None:
-        time.sleep(0.5)
-        has_told.append(progress.has_told)
-        assemble(library)
-
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(module, "_PATIENCE", 0.1)
-    monkeypatch.setattr(JITCodeLibrary, "_finalize_final_module", assemble_slowly)
-    with event.install_listener("numba:compile", progress):
-        compiled(_doubled)(1.0)
-    assert any(has_told)
-
-
 def test_functions_of_users_compile_as_ever() -> None:
     """Numba compiles the loop as a function of its own."""
 
@@ -155,12 +136,3 @@ def test_with_a_newer_numba_inlined_functions_only_compile_longer(monkeypatch: p
     inner: Any = inlined(_doubled)
     assert compiled(lambda x: inner(x) + 1.0)(1.0) == 3.0
     assert inner(1.0) == 2.0
-
-
-def test_inlined_functions_are_assembled_only_in_their_callers() -> None:
-    inner: Any = inlined(_doubled)
-    outer = compiled(lambda x: inner(x) + 1.0)
-    assert outer(1.0) == 3.0
-    (made,) = inner.overloads.values()
-    assert not callable(made.entry_point)
-    assert inner(1.0) == 2.0  # in Python

@@ -48,10 +48,6 @@ def test_one_argument_may_be_the_same_for_all_rows(cache: Path) -> None:
     assert library.stat().st_mtime_ns == written
     with pytest.raises(ValueError, match="time must have 1 columns, not 2"):
         function(reference, np.zeros(2))
-
-
-def test_arguments_of_different_length_are_refused() -> None:
-    function = engines.CompiledFunction(engines.reference_function())
     with pytest.raises(ValueError, match="arguments must have 3 rows"):
         function(np.zeros((2, 20)), np.zeros((3, 1)))
 

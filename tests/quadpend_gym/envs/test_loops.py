@@ -1,8 +1,6 @@
 """Loops with constants drawn for each episode: their distribution, and equality with fixed loops."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +12,6 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.randomization import LOOP_NAMES, LoopRanges
-from quadpend_gym.scenarios.library import find_scenario
-from quadpend_gym.scenarios.scenario import scenario_data
 from quadpend_gym.vehicles import VEHICLES
 from tests.helpers.envs import (
     ENDLESS,
@@ -137,17 +133,6 @@ def test_rows_equal_single_environments_with_autoreset_and_threads(fields: dict[
             expected = single.reset()
         assert_array_equal(observation[row], expected[0])
         assert_array_equal(info["loop"][row], expected[-1]["loop"])
-
-
-def test_a_scenario_with_a_loop_is_data(tmp_path: Path) -> None:
-    scenario = Scenario(**{**HUMMINGBIRD, "task": "track", "wind": None}, loop=LoopRanges(**LOOP))
-    assert Scenario(**json.loads(json.dumps(scenario_data(scenario)))) == scenario
-    path = tmp_path / "mine.toml"
-    path.write_text(
-        'vehicle = "hummingbird"\ninterface = "body_rates"\nlatency = 0.02\nloop = {latency = [0.0, 0.04],'
-        " jitter = 0.004, rate_loop = [0.8, 1.2], rotor_lag = [0.7, 1.3], thrust = [0.8, 1.2]}\n"
-    )
-    assert find_scenario(str(path)) == scenario
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Random settings, also extreme ones, fly."""
+"""Random settings, also extreme ones, fly: what is returned stays within its bounds, and the pole is rigid."""
 
 import numpy as np
 import pytest
@@ -23,4 +23,8 @@ def test_random_settings_fly(seed: int, rows: int) -> None:
         assert np.isfinite(observation).all()
         assert env.observation_space.contains(observation)
         assert ((reward >= 0.0) & (reward <= 1.0)).all()
+    direction, rate = env.unwrapped.state.direction, env.unwrapped.state.direction_rate  # type: ignore[attr-defined]
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=-1), 1.0, rtol=1e-12)
+    across = np.sum(direction * rate, axis=-1) / (1.0 + np.linalg.norm(rate, axis=-1))
+    np.testing.assert_allclose(across, 0.0, atol=1e-12)
     env.close()

@@ -10,6 +10,7 @@ from gymnasium.wrappers import RecordVideo
 
 from quadpend_gym import Reference
 from tests.helpers.envs import (
+    AUTORESET_MODES,
     WINDY,
     assert_same,
     draw_actions,
@@ -29,15 +30,6 @@ def _no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
 
-def test_rgb_array_of_the_single_environment_is_an_array() -> None:
-    env = make(render_mode="rgb_array")
-    env.reset(seed=0)
-    assert_picture(env.render())
-    first = env.render()
-    env.step(np.zeros(4))
-    assert not np.array_equal(env.render(), first)
-
-
 def test_rgb_array_of_a_vector_env_is_one_array_for_each_sub_environment() -> None:
     env = make_vec(9, render_mode="rgb_array", autoreset_mode="SameStep", **SHORT)
     env.reset(seed=0)
@@ -47,6 +39,26 @@ def test_rgb_array_of_a_vector_env_is_one_array_for_each_sub_environment() -> No
     assert len(frames) == 9
     for frame in frames:
         assert_picture(frame)
+
+
+def test_a_sub_environment_is_rendered_like_the_single_environment() -> None:
+    env, rows = make(wind=WINDY, render_mode="rgb_array"), make_vec(4, wind=WINDY, render_mode="rgb_array")
+    env.reset(seed=12)
+    rows.reset(seed=10)
+    actions = draw_actions(0, 8, 4)
+    run_actions(env, actions[:, 2])
+    run_actions(rows, actions)
+    assert np.array_equal(rows.render()[2], env.render())
+
+
+@pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
+def test_a_picture_after_an_autoreset_shows_the_new_episode(mode: str) -> None:
+    env = make_vec(3, render_mode="rgb_array", max_episode_steps=5, autoreset_mode=mode)
+    env.reset(seed=0)
+    run_actions(env, draw_actions(0, 5 if mode == "SameStep" else 6, 3))
+    for row in range(3):
+        snapshot = env.recorder.snapshot(row)  # type: ignore[union-attr]
+        assert (snapshot.time, snapshot.episode_return, len(snapshot.trail)) == (0.0, 0.0, 1)
 
 
 def test_mosaic_has_a_tile_for_each_sub_environment() -> None:

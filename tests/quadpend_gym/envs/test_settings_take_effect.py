@@ -3,9 +3,7 @@
 from dataclasses import fields, replace
 from typing import Any
 
-import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 from quadpend_gym import (
     Constant,
@@ -23,7 +21,7 @@ from quadpend_gym import (
     VonKarman,
 )
 from quadpend_gym.vehicles import VEHICLES, Drag
-from tests.helpers.envs import draw_actions, make_unwrapped, make_vec, run_actions
+from tests.helpers.envs import draw_actions, make_vec, run_actions
 
 REFERENCES = {
     "hover": 5.0,
@@ -131,17 +129,3 @@ def test_tables_of_settings_are_complete(table: dict[str, Any], kind: Any) -> No
     assert table.keys() == {field.name for field in fields(kind) if field.name != "kind"} - WITHOUT_EFFECT.get(
         kind, set()
     )
-
-
-def test_reward_weights_are_relative() -> None:
-    def reward(**weights: float) -> Any:
-        env = make_unwrapped(task={"reward": weights})
-        env.reset(seed=0)
-        return env.step(np.full(4, 0.1))[1]
-
-    assert_allclose(
-        reward(tracking=2.0, upright=1.0, yaw=1.0, effort=0.0),
-        (2.0 * reward(upright=0, yaw=0, effort=0) + reward(tracking=0, yaw=0, effort=0)
-         + reward(tracking=0, upright=0, effort=0)) / 4.0,
-        rtol=1e-12,
-    )  # fmt: skip

@@ -6,8 +6,7 @@ import gymnasium as gym
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-from quadpend_gym import Limits, OrnsteinUhlenbeck, ReferenceSettings, Task
-from quadpend_gym.sensors import Noise
+from quadpend_gym import Limits, ReferenceSettings, Task
 from tests.helpers.envs import WINDY, assert_same, draw_actions, make, make_vec, run_actions
 
 TASK = Task(references=ReferenceSettings(hover=0.0, height=(3.0, 4.0)), limits=Limits(tracking_error=0.5))
@@ -39,15 +38,3 @@ def test_spec_survives_json(kwargs: dict[str, Any]) -> None:
         assert_same(duplicate.reset(seed=3), one.reset(seed=3))
         actions = draw_actions(3, 10, *shape)
         assert_same(run_actions(duplicate, actions), run_actions(one, actions))
-
-
-def test_mappings_and_objects_make_the_same_environment() -> None:
-    objects = make(task=TASK, wind=OrnsteinUhlenbeck(force=0.2), sensors=Noise(position=0.01))
-    mappings = make(
-        task={"references": {"hover": 0.0, "height": [3.0, 4.0]}, "limits": {"tracking_error": 0.5}},
-        wind={"kind": "ornstein_uhlenbeck", "force": 0.2},
-        sensors={"kind": "noise", "position": 0.01},
-    )
-    assert_same(mappings.reset(seed=0), objects.reset(seed=0))
-    actions = draw_actions(0, 10)
-    assert_same(run_actions(mappings, actions), run_actions(objects, actions))

@@ -2,14 +2,11 @@
 
 from typing import Any
 
-import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from quadpend_gym import Reference, Sinusoids, StartSettings, Task, Waypoints
-from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.observation import read_observation
-from quadpend_gym.tasks.trajectories import TrajectoryTable
 from tests.helpers.envs import draw_actions, make_unwrapped
 
 WAYPOINTS = Waypoints((0, 2, 4, 6), ((0, 0, 2), (1, 0, 2, 0.3), (1, 1, 2.5), (0, 1, 2)))
@@ -48,27 +45,3 @@ def test_the_option_replaces_the_trajectory_of_the_task_for_one_episode() -> Non
         assert world.trajectory(0) == expected
     env.reset()
     assert world.trajectory(0) == WAYPOINTS
-
-
-def test_equal_trajectories_are_stored_once_and_old_ones_are_removed() -> None:
-    table = TrajectoryTable(4096)
-    table.assign(np.arange(4096), [CHORD])
-    assert table.numbers.size == CHORD.packed.size
-    table = TrajectoryTable(2)
-    for length in range(1, 50):
-        new = Waypoints((0, length), ((0, 0, 2), (1, 0, 2)))
-        table.assign(np.array([0]), [new])
-        table.assign(np.array([1]), [CHORD])
-        assert table.find(0) == new
-        assert table.find(1) == CHORD
-        assert_array_equal(stored(table, 0, new), new.packed)
-        assert_array_equal(stored(table, 1, CHORD), CHORD.packed)
-        assert table.numbers.size == new.packed.size + CHORD.packed.size
-    table.assign(np.arange(2), [None])
-    assert not table.numbers.size
-
-
-def stored(table: TrajectoryTable, row: int, trajectory: Any) -> Floats:
-    """The numbers that the kernel reads for a row."""
-    first = table.first[row]
-    return table.numbers[first : first + trajectory.packed.size]

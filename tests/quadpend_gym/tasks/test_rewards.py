@@ -1,45 +1,13 @@
-"""The reward follows its equations, is sensitive to small errors, and never favours an early end."""
+"""The reward follows its equations, and never favours an early end."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_gym import Reference, RewardWeights, read_observation
-from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec, run_actions
-
-HEIGHT = Reference.hover().offset[2]
-
-
-def reward_at(action: Any = (0.0, 0.0, 0.0, 0.0), **start: Any) -> float:
-    """Return the reward of one step; all fields that `start` does not have are those of hovering."""
-    env = make_unwrapped(task=ENDLESS)
-    env.reset(seed=0, options={"state": {**AT_REST, **start}, "reference": Reference.hover()})
-    return env.step(action)[1]
-
-
-@pytest.mark.parametrize(
-    "deviation",
-    [
-        {"position": (0.0, 0.0, HEIGHT - 1e-3)},
-        {"direction": (0.03, 0.0, 1.0), "position": (-0.009, 0.0, HEIGHT)},
-        {"euler": (0.0, 0.0, 0.02)},
-        {"action": (0.05, 0.0, 0.0, 0.0)},
-        {"action": (0.0, 0.0, 0.0, -0.05)},
-    ],
-    ids=["below", "tilted pendulum", "yawed", "thrust", "yaw torque"],
-)
-def test_exact_tracking_with_zero_action_has_reward_one_and_every_deviation_less(deviation: dict[str, Any]) -> None:
-    assert_allclose(reward_at(), 1.0, atol=1e-12)
-    assert reward_at(**deviation) < 1.0 - 1e-4
-
-
-def test_the_reward_decreases_strictly_with_the_error_and_resolves_millimetres() -> None:
-    rewards = [reward_at(position=(error, 0.0, HEIGHT)) for error in (1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0)]
-    assert (np.diff(rewards) < 0.0).all()
-    assert rewards[1] - rewards[2] >= 0.03
+from quadpend_gym import RewardWeights, read_observation
+from tests.helpers.envs import ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec, run_actions
 
 
 @pytest.mark.parametrize("tip", [0.0, 0.5, 1.0])

@@ -99,14 +99,6 @@ def test_a_trajectory_survives_json_and_pickle_and_is_hashable(trajectory: Any) 
     assert hash(copied) == hash(trajectory)
 
 
-def test_hovering_demands_the_weight_and_no_tilt() -> None:
-    still = Sinusoids(terms=[{"amplitude": 0.0}])
-    needed = demand(still, PAPER, np.array([0.0, 1.0]))
-    assert_allclose(needed.thrust, PAPER.hover_thrust, rtol=1e-14)
-    assert_array_equal(needed.pendulum_angle, 0.0)
-    assert_array_equal(needed.body_angle, 0.0)
-
-
 def circle(acceleration: float) -> Sinusoids:
     """Return a circle of 1 m radius with the given horizontal acceleration, m/s²."""
     return Sinusoids(
@@ -135,9 +127,12 @@ def test_torques_body_rates_and_rotors_beyond_their_limits_are_refused() -> None
         check_feasible(quick, Simulation(vehicle="hummingbird", interface="rotors"))
 
 
-def test_hovering_demands_no_torque_but_that_of_a_pole_beside_the_centre() -> None:
+def test_hovering_demands_the_weight_no_tilt_and_no_torque_but_that_of_a_pole_beside_the_centre() -> None:
     still, beside = Sinusoids(terms=[{"amplitude": 0.0}]), replace(VEHICLES["hummingbird"], pivot=(0.01, 0.02, 0.05))
     rate, acceleration, torque = turning(still, Simulation(vehicle=beside), np.array([0.0, 1.0]))
+    needed = demand(still, PAPER, np.array([0.0, 1.0]))
+    assert_allclose(needed.thrust, PAPER.hover_thrust, rtol=1e-14)
+    assert_array_equal([needed.pendulum_angle, needed.body_angle], 0.0)
     assert_array_equal(rate, 0.0)
     assert_array_equal(acceleration, 0.0)
     assert_allclose(torque, [hover_wrench(beside.parameters, beside.pivot)[1:]] * 2, atol=1e-12)

@@ -27,21 +27,12 @@ from tests.helpers.viewer import (
 
 FROM_SIDE = Camera(azimuth=-np.pi / 2, elevation=0.0)  # x to the right, z upwards
 FROM_TOP = Camera(azimuth=-np.pi / 2, elevation=np.pi / 2)  # x to the right, y upwards
-CAMERAS = (Camera(), FROM_SIDE, FROM_TOP, Camera(2.0, -0.1, 0.9), Camera(-3.0, 1.2, 15.0, 0.6))
+CAMERAS = (Camera(), FROM_SIDE, FROM_TOP)
 BODY = (0.0, 0.0, 2.0)
 OUT_OF_VIEW = hovering(position=(900.0, 0.0, 2.0))  # far outside of every picture
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
-def test_the_camera_is_a_rotated_pinhole(camera: Camera) -> None:
-    at = np.array([1.0, -2.0, 3.0])
-    points = at + np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)) * camera.distance / 3
-    assert_allclose(
-        camera.view(at, *SIZE).project(points), expected_projection(camera, at, points), rtol=1e-9, atol=1e-9
-    )
-
-
-@pytest.mark.parametrize("camera", CAMERAS[:3])
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.0, -0.8, 0.6)])
 def test_the_bob_is_drawn_at_its_position(direction: tuple[float, ...], camera: Camera) -> None:
     snapshot = hovering(direction=direction)._replace(reference=Reference.hover(z=1.0))
@@ -51,7 +42,7 @@ def test_the_bob_is_drawn_at_its_position(direction: tuple[float, ...], camera: 
     assert_allclose(extent(found), 2 * 0.9 * PAPER_SHAPE.bob * pixels_per_metre(camera, place), atol=4.0)
 
 
-@pytest.mark.parametrize("camera", CAMERAS[:3])
+@pytest.mark.parametrize("camera", CAMERAS)
 def test_the_reference_path_is_that_of_the_bob(camera: Camera) -> None:
     reference = Reference.figure_eight(0.8, 1.0, height=1.6)
     blue = find_colour(
