@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -48,6 +49,12 @@ def model_of(folder: Path, settings: TrainSettings) -> Any:
     if settings.algo == "apg":
         return load_model(settings, make_env(settings), folder / "model.zip")
     return algorithm_class(settings.algo).load(folder / "model.zip", device="cpu")
+
+
+def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:
+    """Return the largest absolute difference of the weights of two policies with the same layers."""
+    own, others = ([array for layer in item.layers for array in layer] for item in (policy, other))
+    return max(float(np.abs(a - b).max()) for a, b in zip(own, others, strict=True))
 
 
 def trained_arrays(model: Any) -> list[Any]:

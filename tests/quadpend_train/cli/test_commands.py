@@ -15,7 +15,7 @@ from quadpend_gym import __version__, actuators, sensors, wind
 from quadpend_gym.scenarios import SCENARIOS, SETS, as_scenario, find_scenario
 from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES
-from quadpend_train.cli.main import COMMANDS, main
+from quadpend_train.cli.main import COMMANDS, FUNCTIONS, main
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import PRESETS
@@ -52,10 +52,10 @@ def test_overview_docs_and_docstrings_have_the_same_line_for_each_command(capsys
     assert printed.endswith(f"\nquadpend {__version__}\n")
     page = (ROOT / "docs/command-line.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `quadpend (\w+)` \| (.*) \|$", page, re.MULTILINE)
-    assert rows == [(name, summary) for name, (_, summary) in COMMANDS.items()]
-    for name, (place, summary) in COMMANDS.items():
+    assert rows == [(name, summary) for name, summary in COMMANDS.items()]
+    for name, summary in COMMANDS.items():
         assert f"\n  {name:<11}{summary}\n" in printed
-        module, function = place.split(".")
+        module, function = FUNCTIONS[name].split(".")
         found = getattr(import_module(f"quadpend_train.cli.{module}"), function)
         assert found.__doc__.splitlines()[0] == summary
 

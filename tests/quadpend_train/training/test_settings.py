@@ -130,6 +130,7 @@ def test_scenarios_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Pat
     [
         ({"sead": 7}, r"mine.toml has no field 'sead' \(did you mean 'seed'\?\)"),
         ({"sac": {"tau": 0.1}}, "mine.toml has no field 'sac'"),
+        ({"arguments": {"gamma": 0.9}}, "no field 'arguments': those of the algorithm are in the table of its name"),
         ({"ppo": {"epochs": 7}}, r"ppo has no argument 'epochs' \(did you mean 'n_epochs'\?\); its arg"),
         ({"ppo": {"policy_kwargs": {"net_arh": 1}}}, r"ppo.policy_kwargs has no argument 'net_arh' \(did"),
         ({"ppo": {"policy_kwargs": {"activation_fn": "gelu"}}}, "activation_fn must be one of relu, tanh, elu, not"),

@@ -18,7 +18,7 @@ from quadpend_train.cli.evaluation import evaluate
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import TEST_SEED, TUNING_SEED, VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.measures import delay_budget
-from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
+from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports import report
 from quadpend_train.search.tuning import SCORE_SEED
 from quadpend_train.training import callbacks, dagger
@@ -37,6 +37,7 @@ from tests.helpers.training import (
     SHORT,
     model_of,
     train_policy,
+    weight_difference,
     with_arguments,
 )
 

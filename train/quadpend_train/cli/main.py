@@ -25,44 +25,30 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _received: list[int] = []  # signals that ended this command
 
 
-# Function in a module of this folder, whose parameters are the options, and the first line of its docstring
+# First lines of the docstrings of the functions below, whose parameters are the options
 COMMANDS = {
-    "list": (
-        "listing.list_names",
-        "List policies, scenarios, settings, tasks, vehicles, and models of wind and sensors.",
-    ),
-    "train": ("training.train", "Train a policy."),
-    "evaluate": (
-        "evaluation.evaluate",
-        "Evaluate policies in the same episodes and compare them with the first policy.",
-    ),
-    "watch": (
-        "watch.watch",
-        "Show up to four policies side by side in the same episode, or one policy in up to four scenarios.",
-    ),
-    "card": ("cards.card", "Describe a policy: what it observes, how it was trained, and how good it is."),
-    "export": (
-        "training.export",
-        "Convert a policy to a policy file, which executes no code when loaded, to C or to ONNX.",
-    ),
-    "reproduce": (
-        "training.reproduce",
-        "Train a learned policy again from its card, and report whether the weights are the same.",
-    ),
-    "replay": (
-        "flight_logs.replay",
-        "Fly vehicles open loop under the motor commands of a flight log, and compare them with the log.",
-    ),
-    "identify": (
-        "flight_logs.identify",
-        "Identify a vehicle from flight logs, and write its file and scenarios for training.",
-    ),
-    "tune": (
-        "search.tune",
-        "Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.",
-    ),
+    "list": "List policies, scenarios, settings, tasks, vehicles, and models of wind and sensors.",
+    "train": "Train a policy.",
+    "evaluate": "Evaluate policies in the same episodes and compare them with the first policy.",
+    "watch": "Show up to four policies side by side in the same episode, or one policy in up to four scenarios.",
+    "card": "Describe a policy: what it observes, how it was trained, and how good it is.",
+    "export": "Convert a policy to a policy file, which executes no code when loaded, to C or to ONNX.",
+    "replay": "Fly vehicles open loop under the motor commands of a flight log, and compare them with the log.",
+    "identify": "Identify a vehicle from flight logs, and write its file and scenarios for training.",
+    "tune": "Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.",
 }
-_LINES = "\n".join(f"  {name:<11}{summary}" for name, (_, summary) in COMMANDS.items())
+FUNCTIONS = {
+    "list": "listing.list_names",
+    "train": "training.train",
+    "evaluate": "evaluation.evaluate",
+    "watch": "watch.watch",
+    "card": "cards.card",
+    "export": "training.export",
+    "replay": "flight_logs.replay",
+    "identify": "flight_logs.identify",
+    "tune": "search.tune",
+}
+_LINES = "\n".join(f"  {name:<11}{summary}" for name, summary in COMMANDS.items())
 _OVERVIEW = f"""usage: quadpend COMMAND [OPTIONS]
 
 A spherical inverted pendulum on a quadrotor in the wind: train policies and compare them.
@@ -164,7 +150,7 @@ def _run(arguments: list[str]) -> None:
 
     from quadpend_train.cli.options import checked
 
-    module, function = COMMANDS[name][0].split(".")
+    module, function = FUNCTIONS[name].split(".")
     found = import_module(f"quadpend_train.cli.{module}")
     execute: Any = checked(getattr(found, function))
     if name == "train":  # the settings file determines the defaults of the other options

@@ -1,8 +1,7 @@
-"""The commands about learned policies: `train`, `export` and `reproduce`."""
+"""The commands about learned policies: `train` and `export`."""
 
 import json
 import re
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,7 +16,6 @@ from quadpend_train.training.settings import (
     TrainSettings,
     read_settings,
     scenario_text,
-    settings_of_card,
     with_values,
 )
 
@@ -179,25 +177,3 @@ def export(
 
         export_zip(Path(model), vec_normalize, source=Path(model).name).save(path)
     print("Written:", *files)
-
-
-def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduced")) -> None:
-    """Train a learned policy again from its card, and report whether the weights are the same.
-
-    Args:
-        policy: A policy of this package (apg-0), a run folder or a policy file.
-        out: Folder of the new run.
-    """
-    from quadpend_train.policies.loading import policy_file
-    from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
-    from quadpend_train.training import train as training
-
-    original = MlpPolicy.load(policy_file(policy))
-    settings = settings_of_card(original.card, policy)
-    reproduced = MlpPolicy.load(training.train(settings, out))
-    if largest := weight_difference(original, reproduced):
-        made = original.card["provenance"]
-        print(f"The weights differ by up to {largest:g}. Other machines and package versions cause such differences.")
-        print(f"The card was made on: {made['machine']}, {made['packages']}")
-        sys.exit(1)
-    print("The weights are the same.")

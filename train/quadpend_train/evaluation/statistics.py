@@ -69,7 +69,8 @@ def proportion(successes: Booleans) -> Interval:
     For several seeds, Wilson's interval is that of all s n episodes, widened by (1). The interval has a positive width
     even if every episode is a success.
     """
-    pooled = _wilson(float(successes.mean()), successes.size)
+    ends = stats.binomtest(int(successes.sum()), successes.size).proportion_ci(CONFIDENCE, "wilson")
+    pooled = Interval(float(successes.mean()), float(ends.low), float(ends.high))
     return _widen_over_seeds(pooled, successes.astype(np.float64), 0.0)
 
 
@@ -145,14 +146,6 @@ def _random_effects(values: Floats) -> tuple[float, Callable[[float], float]]:
     return float(seeds.mean()), lambda level: float(
         np.sqrt(np.sum(special.stdtrit(freedom, 0.5 * level) ** 2 * variances))
     )
-
-
-def _wilson(share: float, number: int) -> Interval:
-    """Return Wilson's interval of a share."""
-    z = float(stats.norm.ppf((1 + CONFIDENCE) / 2))
-    centre = (share + z * z / (2 * number)) / (1 + z * z / number)
-    half = z * np.sqrt(share * (1 - share) / number + (z / (2 * number)) ** 2) / (1 + z * z / number)
-    return Interval(share, float(centre - half), float(centre + half)).clipped(0.0, 1.0)
 
 
 def p_value(differences: Floats) -> float:

@@ -167,14 +167,6 @@ class MlpPolicy(Policy):
         return np.asarray(np.tanh(output) if self._card.squashed else np.minimum(np.maximum(output, -1.0), 1.0))
 
 
-def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:
-    """Return the largest absolute difference of two policies' weights; inf if the shapes of their layers differ."""
-    own, others = ([array for layer in item.layers for array in layer] for item in (policy, other))
-    if [array.shape for array in own] != [array.shape for array in others]:
-        return float("inf")
-    return max(float(np.abs(a - b).max()) for a, b in zip(own, others, strict=True))
-
-
 def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
     """Check that a policy's actions mean in a nominal simulation what they meant in its training.
 

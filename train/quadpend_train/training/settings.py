@@ -263,6 +263,8 @@ def settings_of_card(card: Mapping[str, Any], name: str) -> TrainSettings:
 def from_mapping(values: Mapping[str, Any], source: str) -> TrainSettings:
     """Return training settings from a mapping, as `read_settings`; messages about errors name the source."""
     given = dict(values)
+    if "arguments" in given:
+        raise ValueError(f"{source} has no field 'arguments': those of the algorithm are in the table of its name")
     if (algo := given.get("algo", "ppo")) != "apg":
         given["arguments"] = given.pop(algo, {})
     if isinstance(hybrid := given.get("hybrid"), Mapping):
