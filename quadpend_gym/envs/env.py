@@ -13,7 +13,7 @@ from quadpend_gym.core.settings import plain
 from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
-from quadpend_gym.envs.reset_options import read_reset_options
+from quadpend_gym.envs.reset_options import NAMES, read_reset_options
 from quadpend_gym.envs.spaces import action_space, observation_space
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
@@ -91,6 +91,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     `reset(options={"state": {"position": …}})` sets any field of the state (`quadpend_gym.physics.state`); fields that
     are not given are drawn. `reset(options={"reference": Reference.circle(1.0, 1.0)})` sets the reference, which may
     also be `Waypoints` or `Sinusoids`. `Task(trajectory=…)` sets the reference of every episode.
+    `reset(options={"parameters": {"bob_mass": 0.25}})` sets physical parameters of the episode, with the names and
+    units of `Parameters`; the others are drawn or nominal.
 
     ## Episode End
     The episode terminates if the pendulum is more than 60° from upright, the body tilts by more than 80°, the tracking
@@ -169,12 +171,12 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
         Args:
             seed: Non-negative integer, or None.
-            options: ``state`` and ``reference``, see the class.
+            options: ``state``, ``reference`` and ``parameters``, see the class.
 
         Returns:
             The first observation and the info.
         """
-        checked = read_reset_options(options, ("state", "reference"), 1, self.scenario)
+        checked = read_reset_options(options, NAMES, 1, self.scenario)
         super().reset(seed=plain(seed))
         if seed is not None or not self._seeded:
             self.world.seed(_ROW, [self.np_random_seed])

@@ -53,9 +53,9 @@ from quadpend_gym.tasks.observation import (
     store_target,
     tracking_errors,
 )
-from quadpend_gym.tasks.references import REFERENCE_SIZE, ReferencePoint
+from quadpend_gym.tasks.references import REFERENCE_SIZE, ReferencePoint, load_point
 from quadpend_gym.tasks.rewards import reward, reward_terms
-from quadpend_gym.tasks.trajectories import followed_at, reference_at
+from quadpend_gym.tasks.trajectories import reference_at
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.wind import WIND_SIZE
 
@@ -148,7 +148,7 @@ def _run(
     columns: Any,
     action: Any,
     loops: Any,
-    trajectories: Any,
+    points: Any,
     task: layout.KernelSettings,
     vehicle: Any,
     observation: Any,
@@ -229,11 +229,10 @@ def _run(
                 point, length = reference_at(reference_lanes, lane, time[lane]), physics_lanes[ROD_LENGTH, lane]
                 out = sensed_lanes, observation_lanes, buffer
                 _measure_at(point, state_lanes, action_lanes, length, lane, task, *out)
-            if trajectories.shape[0] > 0:
+            if points.shape[1] > 0:
                 for lane in range(lanes):
-                    followed = int(memory[first + lane, layout.MEMORY_TRAJECTORY])
-                    if followed >= 0:
-                        point, length = followed_at(trajectories, followed, time[lane]), physics_lanes[ROD_LENGTH, lane]
+                    if memory[first + lane, layout.MEMORY_TRAJECTORY] >= 0.0:
+                        point, length = load_point(points, first + lane), physics_lanes[ROD_LENGTH, lane]
                         out = sensed_lanes, observation_lanes, buffer
                         _measure_at(point, state_lanes, action_lanes, length, lane, task, *out)
             for lane in range(lanes):
@@ -260,7 +259,7 @@ def run_euler(
     columns: Floats,
     action: Floats32,
     loops: Floats,
-    trajectories: Floats,
+    points: Floats,
     settings: Floats,
     observation: Floats32,
     outcome: Floats,
@@ -282,7 +281,7 @@ def run_euler(
             sensors have changed the state in these rows.
         action: Shape (n, 4), each component in [−1, 1]; the reward counts it, even where it acts later.
         loops: The loop of each sub-environment, shape (10 + s, n), or of all, shape (10 + s, 1), see `plant_kernel`.
-        trajectories: `TrajectoryTable.numbers`.
+        points: `TrajectoryTable.points` at the time of `MEASURE`.
         settings: A packed `EulerStepSettings`.
         observation: Output, shape (n, m), laid out as `quadpend_gym.tasks.observation.ALL`.
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
@@ -293,7 +292,7 @@ def run_euler(
         The error code of `inputs`; with an error, no array is changed.
     """
     task, vehicle = layout.unpack_euler(settings)
-    inputs = memory, clock, columns, action, loops, trajectories
+    inputs = memory, clock, columns, action, loops, points
     return int(_run(EULER_KERNEL, stages, *inputs, task, vehicle, observation, outcome, begin, end))
 
 
@@ -305,7 +304,7 @@ def run_rigid(
     columns: Floats,
     action: Floats32,
     loops: Floats,
-    trajectories: Floats,
+    points: Floats,
     settings: Floats,
     observation: Floats32,
     outcome: Floats,
@@ -314,7 +313,7 @@ def run_rigid(
 ) -> int:
     """As `run_euler`, for rigid vehicles; `settings` are a packed `RigidStepSettings`."""
     task, vehicle = layout.unpack_rigid(settings)
-    inputs = memory, clock, columns, action, loops, trajectories
+    inputs = memory, clock, columns, action, loops, points
     return int(_run(RIGID_KERNEL, stages, *inputs, task, vehicle, observation, outcome, begin, end))
 
 

@@ -15,7 +15,7 @@ from quadpend_gym.envs.env import frames_per_second
 from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
-from quadpend_gym.envs.reset_options import read_reset_options
+from quadpend_gym.envs.reset_options import NAMES, read_reset_options
 from quadpend_gym.envs.spaces import action_space, observation_space
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
@@ -100,8 +100,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         Args:
             seed: An integer s for the seeds s, s + 1, …; a sequence with one integer or None for each sub-environment;
                 or None.
-            options: ``state`` and ``reference`` as in `QuadPendulumEnv.reset`, one value for all sub-environments that
-                are reset or one for each; ``reset_mask``, shape (num_envs,), bool: which sub-environments are reset,
+            options: ``state``, ``reference`` and ``parameters`` as in `QuadPendulumEnv`, one value for all
+                sub-environments that are reset or one for each; ``reset_mask``, shape (num_envs,), bool: which sub-environments are reset,
                 by default all.
 
         Returns:
@@ -109,7 +109,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         """
         mask = self._mask((options or {}).get("reset_mask"))
         rows = np.flatnonzero(mask)
-        checked = read_reset_options(options, ("state", "reference", "reset_mask"), rows.size, self.scenario)
+        checked = read_reset_options(options, (*NAMES, "reset_mask"), rows.size, self.scenario)
         self._seed(seed, mask)
         self.world.start_episodes(rows, checked)
         self._ended &= ~mask

@@ -49,6 +49,7 @@ from quadpend_gym.tasks.observation import ALL
 from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_references
 from quadpend_gym.tasks.starts import draw_starts, start_pole
 from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable
+from quadpend_gym.vehicles import PARAMETER_NAMES
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 
 _SENSED_STATE = slice(WIND_SIZE + SENSED_STATE.start, WIND_SIZE + SENSED_STATE.stop)  # rows of `World._columns`
@@ -182,9 +183,10 @@ class World:
         self.episode[rows] += 1
         self.clock[rows] = 0
         streams = Streams(self._seeds[rows]).derive(self.episode[rows])
-        if self._parameter_ranges is not None:
-            nominal = self.simulation.parameters
-            self.parameters[rows] = self._parameter_ranges.draw(nominal, streams.derive(PARAMETER_STREAM))
+        nominal, ranges = self.simulation.parameters, self._parameter_ranges
+        self.parameters[rows] = nominal if ranges is None else ranges.draw(nominal, streams.derive(PARAMETER_STREAM))
+        for name, numbers in options.parameters.items():
+            self.parameters[rows, PARAMETER_NAMES.index(name)] = numbers
         self.schedule.start_episodes(rows, streams)
         self._set_start(rows, options)
         if self._wind_models.models:
@@ -207,7 +209,7 @@ class World:
         self._set_reference(rows, options.references)
         keys, table = (self._seeds, self.episode), self._trajectories
         arguments = rows, *keys, *self._start_settings, self.parameters, self.reference, self.state
-        draw_starts(*arguments, table.numbers, table.first)
+        draw_starts(*arguments, table.points(rows, np.zeros(rows.size)), table.first)
         for name, value in options.state.items():
             self.state[rows, STATE_FIELDS[name]] = value
         if "direction" in options.state or "direction_rate" in options.state:
@@ -276,8 +278,8 @@ class World:
         memory, clock = self._memory[rows], self.clock[rows] * self._plant_steps
         columns, schedule = np.zeros((self._columns_size, rows.size)), self.schedule
         inputs = memory, clock, columns, action, schedule.loops_of(rows)
-        numbers = self._trajectories.numbers, self._settings
-        self._kernel(MEASURE, *inputs, *numbers, observation, outcome, 0, rows.size)
+        points = self._trajectories.points(rows, self.simulation.period * self.clock[rows])
+        self._kernel(MEASURE, *inputs, points, self._settings, observation, outcome, 0, rows.size)
         if self.scenario.loop is not None:
             outcome[LOOP] = schedule.drawn[:, rows]
         if self._sensors.models:
@@ -313,8 +315,8 @@ class World:
         columns, schedule = self._columns, self.schedule
         schedule.advance(self.clock)
         inputs = self._memory, self.clock, columns, action, schedule.loops
-        numbers = self._trajectories.numbers, self._settings
-        error = self._run(STEP, *inputs, *numbers, observation, outcome, 0, self.num_envs)
+        points = self._trajectories.points(slice(None), self.simulation.period * (self.clock + 1))
+        error = self._run(STEP, *inputs, points, self._settings, observation, outcome, 0, self.num_envs)
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")

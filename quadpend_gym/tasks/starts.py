@@ -35,8 +35,8 @@ from quadpend_gym.core.streams import START_STREAM, Keys, derive, uniform_betwee
 from quadpend_gym.physics.dynamics import load_physics
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, cross, dot, norm, scale, store
-from quadpend_gym.tasks.references import ReferencePoint
-from quadpend_gym.tasks.trajectories import followed_at, reference_at
+from quadpend_gym.tasks.references import ReferencePoint, load_point
+from quadpend_gym.tasks.trajectories import reference_at
 from quadpend_gym.vehicles import Parameters, Simulation
 
 
@@ -168,17 +168,18 @@ def draw_starts(
     parameters: Floats,
     reference: Floats,
     state: Floats,
-    numbers: Floats,
+    points: Floats,
     first: Integers,
 ) -> None:
     """Draw random starts near the references for the sub-environments `rows` into the states of all, shape (n, 18).
 
     The other arrays are also those of all: seeds (keys of random streams), numbers of episodes, parameters, shape
-    (n, 9), references, shape (n, 20), and `TrajectoryTable.first`. `ranges` is a packed `StartSettings`, `pole` a
-    `StartPole`.
+    (n, 9), references, shape (n, 20), and `TrajectoryTable.first`; but `points` are `TrajectoryTable.points` of `rows`.
+    `ranges` is a packed `StartSettings`, `pole` a `StartPole`.
     """
     bounds, geometry = _unpack(ranges), StartPole(pole[0], pole[1], pole[2])
-    for row in rows:
+    for i in range(rows.shape[0]):
+        row = rows[i]
         key = derive(derive(seeds[row], episodes[row]), START_STREAM)
-        point = reference_at(reference.T, row, 0.0) if first[row] < 0 else followed_at(numbers, first[row], 0.0)
+        point = reference_at(reference.T, row, 0.0) if first[row] < 0 else load_point(points, i)
         draw_start(key, bounds, geometry, point, load_physics(parameters.T, row), state.T, row)

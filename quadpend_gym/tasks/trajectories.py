@@ -24,6 +24,7 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
 from quadpend_gym.core.arrays import Floats, Integers
@@ -35,11 +36,13 @@ from quadpend_gym.tasks.references import (
     CHANNELS,
     LARGEST,
     ORDERS,
+    POINT_SIZE,
     REFERENCE_SIZE,
     Channels,
     Derivatives,
     ReferencePoint,
     channel_derivatives,
+    store_point,
 )
 
 SHORTEST_INTERVAL = 0.01  # s, between two waypoints
@@ -126,6 +129,13 @@ def _point(x: Derivatives, y: Derivatives, z: Derivatives, yaw: Derivatives) -> 
         yaw[1],
         yaw[2],
     )
+
+
+@compiled
+def _follow(numbers: Floats, first: Integers, time: Floats, points: Floats) -> None:
+    for row in range(first.shape[0]):
+        if first[row] >= 0:
+            store_point(followed_at(numbers, first[row], time[row]), row, points)
 
 
 @compiled
@@ -373,6 +383,17 @@ class TrajectoryTable:
         self.first[:] = [position.get(id(item), -1) for item in self._followed]
         self.numbers = np.concatenate([np.zeros(0), *distinct.values()])
         return True
+
+    def points(self, rows: Any, time: NDArray[Any]) -> Floats:
+        """Return the points of the sub-environments `rows` at times (s), shape (m,), as an array of shape (24, m).
+
+        Without a trajectory of any sub-environment, its shape is (24, 0). Else numbers of sub-environments without one
+        are not set.
+        """
+        points = np.empty((POINT_SIZE, time.size if self.numbers.size else 0))
+        if self.numbers.size:
+            _follow(self.numbers, self.first[rows], time, points)
+        return points
 
     def find(self, row: int) -> Waypoints | Sinusoids | None:
         """Return the trajectory of a sub-environment, or None if it follows none."""

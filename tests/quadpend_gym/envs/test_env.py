@@ -127,6 +127,15 @@ def test_each_sub_environment_can_have_its_own_start_and_reference() -> None:
     assert_array_equal(env.world.reference, [reference.as_array() for reference in references])
 
 
+def test_reset_sets_physical_parameters_of_one_episode() -> None:
+    env = make_vec(2)
+    env.reset(seed=0, options={"parameters": {"bob_mass": 0.25, "rod_length": [0.2, 0.4]}})
+    expected = [PAPER._replace(bob_mass=0.25, rod_length=length) for length in (0.2, 0.4)]
+    assert_array_equal(env.world.parameters, expected)
+    env.reset()
+    assert_array_equal(env.world.parameters, [PAPER] * 2)
+
+
 def test_reset_options_apply_to_one_episode_only() -> None:
     env, other = make(), make()
     env.reset(seed=1, options={"state": {"position": (0.0, 0.0, 9.0)}, "reference": MOVING})
