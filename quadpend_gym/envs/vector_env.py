@@ -101,8 +101,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             seed: An integer s for the seeds s, s + 1, …; a sequence with one integer or None for each sub-environment;
                 or None.
             options: ``state``, ``reference`` and ``parameters`` as in `QuadPendulumEnv`, one value for all
-                sub-environments that are reset or one for each; ``reset_mask``, shape (num_envs,), bool: which sub-environments are reset,
-                by default all.
+                sub-environments that are reset or one for each; ``reset_mask``, shape (num_envs,), bool: which
+                sub-environments are reset, by default all.
 
         Returns:
             The observations of all sub-environments, shape (num_envs, m), and the info.

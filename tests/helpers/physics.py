@@ -54,5 +54,5 @@ def state_from_coordinates(q: Floats, q_dot: Floats) -> Floats:
     """Convert position, Euler angles and the pole's (α, β), and their rates, to a state array of shape (18,)."""
     sa, ca, sb, cb = np.sin(q[6]), np.cos(q[6]), np.sin(q[7]), np.cos(q[7])
     tangents = np.array([[ca * cb, -sa * sb], [ca * sb, sa * cb], [-sa, 0.0]])
-    parts = [q[:3], q_dot[:3], q[3:6], q_dot[3:6], [sa * cb, sa * sb, ca], tangents @ q_dot[6:]]
+    parts: list[Floats] = [q[:3], q_dot[:3], q[3:6], q_dot[3:6], np.array([sa * cb, sa * sb, ca]), tangents @ q_dot[6:]]
     return np.concatenate(parts)
