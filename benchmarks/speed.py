@@ -16,7 +16,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from experiments.pages import DOCS, fill
@@ -24,20 +23,13 @@ from quadpend_gym import Dryden, OrnsteinUhlenbeck
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Noise
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE
-from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.evaluation.formatting import markdown_table
-from quadpend_train.policies.export import export
-from quadpend_train.training.algorithms import make_model
-from quadpend_train.training.environment import make_env
-from quadpend_train.training.settings import read_settings
 
 NUM_ENVS = (1, 64, 1024, 4096, 16384)
 # The rigid vehicle whose step takes longest: the loop on board and the allocation run in every substep.
 RIGID: dict[str, Any] = {"vehicle": "hummingbird", "interface": "body_rates"}
 _SECONDS = 0.15  # length of one timing
 _ROUNDS = 15
-_TRAINING_STEPS = 150_000  # of one timing
 
 Call = tuple[Callable[[], Any], float]  # a function and what one call makes, usually the number of environment steps
 Key = tuple[str, str]  # row and column of a table of rates
@@ -125,58 +117,6 @@ def measure_threads() -> float:
     return two / one
 
 
-class FreeVectorEnv(QuadPendulumVectorEnv):
-    """QuadPendulum's environment that computes nothing: it always returns the same arrays."""
-
-    def __init__(self, num_envs: int) -> None:
-        super().__init__(num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
-        size = (num_envs, OBSERVATION_SIZE)
-        self._fixed = np.random.default_rng(0).normal(size=size).astype(np.float32)
-        self._reward, self._never = np.full(num_envs, 0.01), np.zeros(num_envs, np.bool_)
-
-    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        """Return the fixed observation."""
-        return self._fixed, {}
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Return the fixed arrays; no episode ends."""
-        return self._fixed, self._reward, self._never, self._never, {}
-
-
-def measure_training(rounds: int = 9) -> dict[str, float]:
-    """Return PPO's environment steps per second on QuadPendulum-v0 and on `FreeVectorEnv`, medians over rounds."""
-    settings = read_settings("ppo")
-    torch.set_num_threads(settings.num_threads)
-    envs = {
-        "PPO on QuadPendulum-v0 in wind": make_env(settings),
-        "PPO on a free environment": SB3VecEnv(FreeVectorEnv(settings.num_envs)),
-    }
-    models = {name: make_model(settings, env, None) for name, env in envs.items()}
-    rates: dict[str, list[float]] = {name: [] for name in models}
-    for _ in range(rounds):
-        for name, model in models.items():
-            start, before = time.perf_counter(), model.num_timesteps
-            model.learn(_TRAINING_STEPS, reset_num_timesteps=False)
-            rates[name].append((model.num_timesteps - before) / (time.perf_counter() - start))
-    return {name: float(np.median(values)) for name, values in rates.items()}
-
-
-def measure_policies() -> dict[str, float]:
-    """Return how many times faster `MlpPolicy.predict` is than `predict` of the SB3 model it was exported from."""
-    settings = read_settings("ppo")
-    torch.set_num_threads(settings.num_threads)
-    model = make_model(settings, make_env(settings), None)
-    policy = export(model)
-    observations = np.random.default_rng(0).normal(size=(256, OBSERVATION_SIZE)).astype(np.float32)
-    ratios = {}
-    for name, observation in (("one observation", observations[0]), ("256 observations", observations)):
-        exported = partial(policy.predict, observation)
-        sb3 = partial(model.predict, observation, deterministic=True)
-        of_exported, of_sb3 = best_rates({("exported", ""): (exported, 1), ("sb3", ""): (sb3, 1)}).values()
-        ratios[f"MlpPolicy.predict / PPO.predict, {name}"] = of_exported / of_sb3
-    return ratios
-
-
 _FIRST_EPISODE = """
 import time; start = time.perf_counter()
 import quadpend_gym; imported = time.perf_counter()
@@ -208,11 +148,9 @@ def measure_start() -> dict[str, float]:
 def main() -> None:
     """Measure everything, print it, and update the page."""
     argparse.ArgumentParser(prog="python -m benchmarks.speed", description=__doc__).parse_args()
-    environments, training, start = measure_environments(), measure_training(), measure_start()
+    environments, start = measure_environments(), measure_start()
     rows = [
-        *([name, f"{rate / 1e3:.3g} k steps/s"] for name, rate in training.items()),
         [f"two threads / one, {NUM_ENVS[-1]:,} sub-environments", f"{measure_threads():.2f} ×"],
-        *([name, f"{ratio:.2f} ×"] for name, ratio in measure_policies().items()),
         *([name, f"{seconds:.2f} s"] for name, seconds in start.items()),
     ]
     tables = {"environments": rate_table("environment", environments), "speed": markdown_table(["", ""], rows)}

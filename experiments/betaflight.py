@@ -1,21 +1,21 @@
 """docs/betaflight/results.md: policies through real firmware, with gains matched to the vehicle and with its own.
 
-    python -m experiments.betaflight lqg flatness lqi dual-mode apg-flight-0      # 20 episodes, seeds from 1000000
+    python -m experiments.betaflight      # 20 episodes in each scenario, seeds from 1000000; or with other policies
 
 The scenarios are `flight_breeze`, a fluctuating force of 0.12 N on the hummingbird, and the same at 50 Hz with 30 ms of
-latency; the racer flies them with forces in proportion to its weight.
+latency; the racer flies them with forces in proportion to its weight. It needs the firmware of Betaflight.
 """
 
-import argparse
 from dataclasses import replace
 
-from experiments.pages import CACHE, DOCS, fill, made_by, with_survival
+from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
 from quadpend_gym.autopilots import Betaflight
+from quadpend_gym.autopilots.firmware import find_binary
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.evaluation.comparison import compare
-from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import markdown_table
 
+POLICIES = "lqg", "flatness", "lqi", "dual-mode", "apg-flight-0"
 VEHICLES = "hummingbird", "racer"
 LOOPS = {"own loop": None, "matched": Betaflight("matched"), "default": Betaflight("default")}
 BREEZE = SCENARIOS["flight_breeze"]
@@ -36,12 +36,12 @@ def scenarios() -> dict[str, Scenario]:
 
 def main() -> None:
     """Fly, and fill the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("policies", nargs="+")
-    parser.add_argument("--episodes", type=int, default=20, help="episodes in each scenario")
-    parser.add_argument("--seed", type=int, default=TEST_SEED, help="seed of the first episode")
-    parser.add_argument("--jobs", type=int, default=2, help="number of processes; the results do not depend on it")
-    given = parser.parse_args()
+    given = options(__doc__, 20, POLICIES)
+    try:
+        find_binary(Betaflight().binary)
+    except OSError as error:
+        print(f"Skipped: {error}.")
+        return
     made = compare(given.policies, scenarios(), given.episodes, given.seed, CACHE, jobs=given.jobs)
     rows = []
     for name in made.scenarios:

@@ -130,6 +130,9 @@ def main() -> None:
         table = f"{made_by(f'deploy --episodes {given}', given, TEST_SEED)}\n\n{markdown_table(headings, flights)}"
         fill(DOCS / "deploy/results.md", {"flown": table})
         return
+    if MISSING:
+        print(f"Skipped, since {' and '.join(MISSING)} are not installed.")
+        return
     columns = ("policy", "scenario", "error, double", "float", "on the chip", "flash, kB", "RAM, kB", "instructions")
     head = f"| {' | '.join((*columns, 'of 10 ms'))} |"
     with tempfile.TemporaryDirectory() as folder:

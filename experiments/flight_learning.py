@@ -2,14 +2,10 @@
 
     python -m experiments.flight_learning --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 
-The training seeds of `apg-flight` are compared with the classical controllers. Variants of the preset are trained in
-runs/flight-learning/, with less time and without memory. A training has as many timesteps as fit into its budget on an
-idle machine; the seconds are measured. A finished training is found in its folder, and an interrupted one goes on.
+The training seeds of `apg-flight` and `ppo-flight` are compared with the classical controllers.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,35 +18,11 @@ from quadpend_train.evaluation.pairwise import compare_pair, compare_pairs
 from quadpend_train.evaluation.ranking import multiple, survivors
 from quadpend_train.evaluation.statistics import mean
 from quadpend_train.policies.loading import load_policies
-from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.settings import read_settings, settings_of_card, with_values
-from quadpend_train.training.train import train_or_resume
 
 LEARNERS, OPPONENT = ("apg-flight", "ppo-flight"), "lqg"  # the classical controller that ranks first in training-flight
 CLASSICAL = "lqg", "dual-mode", "flatness", "adrc-matched", "lqi", "lqr"
-RUNS, SEEDS = Path("runs/flight-learning"), 3
+SEEDS = 3
 FEW = 50  # episodes of short trainings
-# Changed settings, and the factor on timesteps and imitation steps (at least 100,000), which take about this time
-VARIANTS: dict[str, tuple[dict[str, Any], float]] = {
-    "2 min": ({}, 0.15),
-    "2 min, without innovations and situation": ({"hybrid.situation": False, "hybrid.innovations": False}, 0.15),
-}
-
-
-def trained(name: str) -> list[MlpPolicy]:
-    """Return the policies of a variant of the preset `apg-flight`, which are trained once."""
-    (values, share), settings = VARIANTS[name], read_settings("apg-flight")
-    labels = max(round(share * settings.hybrid.imitation_timesteps), 100_000)
-    shorter = {"total_timesteps": round(share * settings.total_timesteps), "hybrid.imitation_timesteps": labels}
-    settings, policies = with_values(settings, shorter | values), []
-    for seed in range(SEEDS):
-        own, folder = replace(settings, seed=seed), RUNS / f"{name}-{seed}"
-        if not (folder / "policy.npz").is_file():
-            train_or_resume(own, folder)
-        policies.append(MlpPolicy.load(folder / "policy.npz"))
-        if settings_of_card(policies[-1].card, str(folder)) != own:
-            raise ValueError(f"{folder} has other settings than {name}: delete it")
-    return policies
 
 
 def duel(found: Comparison) -> str:
@@ -105,10 +77,9 @@ def memory(found: Comparison) -> str:
 
 
 def main() -> None:
-    """Train, fly, and write the tables of the page."""
+    """Fly, and write the tables of the page."""
     given = options(__doc__, 200)
     found: dict[str, Any] = {name: load_policies(training_seeds(name).rpartition("=")[2])[:SEEDS] for name in LEARNERS}
-    found |= {f"apg-flight, {name}": trained(name) for name in VARIANTS}
     common = given.episodes, given.seed, CACHE
     every = compare([OPPONENT, *map(training_seeds, LEARNERS)], ["flight"], *common, jobs=given.jobs)
     few = min(given.episodes, FEW), given.seed

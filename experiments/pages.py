@@ -18,12 +18,11 @@ POLICIES = Path(__file__).parent / "policies"  # further training seeds of the p
 def options(
     description: str | None, episodes: int, policies: Sequence[str] = (), out: Path | None = None
 ) -> argparse.Namespace:
-    """Return the options of a script: ``episodes``, ``seed``, ``jobs``; with `out` also ``policies`` and ``out``."""
+    """Return the options of a script: ``episodes``, ``seed``, ``jobs``, and if given ``policies`` and ``out``."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if policies:
+        parser.add_argument("policies", nargs="*", default=policies, help="NAME=POLICY or POLICY")
     if out:
-        parser.add_argument(
-            "policies", nargs="*", default=policies, help="NAME=POLICY or POLICY, see quadpend evaluate"
-        )
         parser.add_argument("--out", type=Path, default=out, help="folder of figures and tables")
     parser.add_argument("--episodes", type=int, default=episodes, help="episodes in each scenario")
     parser.add_argument("--seed", type=int, default=TEST_SEED, help="seed of the first episode")

@@ -6,7 +6,7 @@ python -m experiments.paper
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,77 +28,42 @@ _STYLES = {
 _COMMANDS = [COMMAND_TORQUE + 1, COMMAND_TORQUE, THRUST, COMMAND_TORQUE + 2]
 
 
-class _Figure(NamedTuple):
-    """A figure with one panel for each label, which shows a column of `values` and of what they are compared with."""
-
-    title: str
-    labels: tuple[str, ...]
-    values: Callable[[Trajectory], Floats]
-    compared: Callable[[Trajectory], Floats] | None = None
-    name: str = ""  # of what they are compared with
-    line: str = "-"
-
-
 def _angles(trajectory: Trajectory) -> Floats:
     state = State(trajectory.state)
     return np.stack([state.alpha, np.unwrap(state.beta), state.alpha_x, state.alpha_y], axis=1)
 
 
-FIGURES = {
-    "figure_4": _Figure(
-        "Tracking of the flat outputs",
-        ("$F_x$ (m)", "$F_y$ (m)", "$z$ (m)", "ψ (rad)"),
-        lambda t: t.outputs,
-        lambda t: t.reference[:, 0],
-        "reference",
-        "-.",
-    ),
-    "figure_5": _Figure(
-        "Attitude of the quadrotor", ("pitch θ (rad)", "roll φ (rad)"), lambda t: State(t.state).euler[:, [1, 0]]
-    ),
-    "figure_6": _Figure(
-        "Tracking errors", ("$e_{Fx}$ (m)", "$e_{Fy}$ (m)", "$e_z$ (m)", "$e_ψ$ (rad)"), lambda t: t.error
-    ),
-    "figure_7": _Figure("Angles of the pendulum", ("α (rad)", "β (rad)", "$α_x$ (rad)", "$α_y$ (rad)"), _angles),
-    "figure_8": _Figure(
-        "Disturbances, true and estimated",
-        ("force x (N)", "force y (N)", "force z (N)", "yaw torque (N·m)"),
+# The labels of the panels, the values that they show, and those in black with which these are compared
+FIGURES: dict[str, tuple[str, Callable[[Trajectory], Floats], Callable[[Trajectory], Floats] | None]] = {
+    "figure_4": ("$F_x$ (m), $F_y$ (m), $z$ (m), ψ (rad)", lambda t: t.outputs, lambda t: t.reference[:, 0]),
+    "figure_5": ("pitch θ (rad), roll φ (rad)", lambda t: State(t.state).euler[:, [1, 0]], None),
+    "figure_6": ("$e_{Fx}$ (m), $e_{Fy}$ (m), $e_z$ (m), $e_ψ$ (rad)", lambda t: t.error, None),
+    "figure_7": ("α (rad), β (rad), $α_x$ (rad), $α_y$ (rad)", _angles, None),
+    "figure_8": (
+        "force x (N), force y (N), force z (N), yaw torque (N·m)",
         lambda t: t.estimate[:, GUST_COLUMNS],
         lambda t: t.disturbance[:, GUST_COLUMNS],
-        "true",
     ),
-    "figure_9": _Figure(
-        "Control signals",
-        ("$τ_θ$ (N·m)", "$τ_φ$ (N·m)", "$u$ (N)", "$τ_ψ$ (N·m)"),
-        lambda t: t.command[:, _COMMANDS],
-    ),
+    "figure_9": ("$τ_θ$ (N·m), $τ_φ$ (N·m), $u$ (N), $τ_ψ$ (N·m)", lambda t: t.command[:, _COMMANDS], None),
 }
 
 
 def draw(experiment: dict[str, Trajectory], folder: Path) -> None:
     """Write all figures into `folder`."""
-    for name, figure in FIGURES.items():
-        figures.write_png(_panels(experiment, figure), folder / f"{name}.png")
+    for name, (labels, values, compared) in FIGURES.items():
+        figure = figures.new_figure(7.5, 5.1)
+        panels = labels.split(", ")
+        axes = figures.add_axes(figure, len(panels) // 2, 2, sharex=True).ravel()
+        for i, (axis, label) in enumerate(zip(axes, panels, strict=True)):
+            for run_name, trajectory in experiment.items():
+                axis.plot(trajectory.time, values(trajectory)[:, i], label=run_name, **_STYLES[run_name])
+            if compared is not None:
+                axis.plot(trajectory.time, compared(trajectory)[:, i], "k-.", linewidth=0.8, label="wanted or true")
+            axis.axvline(GUSTS.onset, color="#888888", linewidth=0.8)
+            axis.set(xlabel="time (s)", ylabel=label)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+        figures.write_png(figure, folder / f"{name}.png")
     figures.write_png(_trajectory_figure(experiment["continuous"]), folder / "figure_10.png")
-
-
-def _panels(experiment: dict[str, Trajectory], drawn: _Figure) -> Any:
-    rows, reference = len(drawn.labels) // 2, experiment["continuous"]
-    figure = figures.new_figure(7.5, 2.3 * rows + 0.5)
-    axes = figures.add_axes(figure, rows, 2, sharex=True).ravel()
-    for i, (axis, label) in enumerate(zip(axes, drawn.labels, strict=True)):
-        for name, trajectory in experiment.items():
-            axis.plot(trajectory.time, drawn.values(trajectory)[:, i], linewidth=1.2, label=name, **_STYLES[name])
-        if drawn.compared is not None:
-            style = {"color": "#000000", "linestyle": drawn.line, "linewidth": 0.8, "label": drawn.name}
-            axis.plot(reference.time, drawn.compared(reference)[:, i], **style)
-        axis.axvline(GUSTS.onset, color="#888888", linewidth=0.8)
-        axis.set_ylabel(f"({'abcd'[i]}) {label}")
-    for axis in axes[-2:]:
-        axis.set_xlabel("time (s)")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
-    figure.suptitle(f"{drawn.title} (gusts from {GUSTS.onset:g} s)", fontsize=10)
-    return figure
 
 
 def _trajectory_figure(trajectory: Trajectory) -> Any:

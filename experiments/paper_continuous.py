@@ -17,6 +17,7 @@ from tqdm.auto import tqdm
 
 from quadpend_baselines.controllers import adrc
 from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.estimation import deso
 from quadpend_baselines.estimation.chains import OBSERVERS_SIZE, AdrcMeasurement, make_measurement
 from quadpend_baselines.estimation.observers import characteristic_polynomial
 from quadpend_baselines.modelling.quantities import Derivatives
@@ -59,9 +60,9 @@ class ContinuousLoop:
     """
 
     def __init__(self, policy: ADRC) -> None:
-        self.policy = policy
+        self.policy, bank, self._model = policy, policy.bank, policy.bank.model.numbers
         # A law without the DESOs of the force does not use their estimates.
-        driven, observers = zip(*policy.observers, *policy.observers[2 : 10 - len(policy.observers)], strict=True)
+        driven, observers = zip(*bank.observers, *bank.observers[2 : 10 - len(bank.observers)], strict=True)
         self._driven = np.arange(len(driven)), np.array(driven)
         self._gains = np.array([characteristic_polynomial(item)[1:] for item in observers])
         self._limits = np.array([np.inf if item.switching is None else item.switching for item in observers])
@@ -77,7 +78,7 @@ class ContinuousLoop:
         steps = disturbance.shape[0] // 2
         references = reference.derivatives(0.5 * step * np.arange(2 * steps + 1))
         estimate = np.zeros((OBSERVERS_SIZE, 1))
-        adrc.begin(self._measure(start, references[0]), self.policy.model.numbers, estimate, 0)
+        deso.begin_observers(self._measure(start, references[0]), self._model, estimate, 0)
         loop, records = np.concatenate([start, estimate[:, 0]]), []
         for i in tqdm(range(steps + 1), unit="step", unit_scale=True, leave=False, desc="continuous time"):
             now = slice(2 * i, 2 * i + 3)
@@ -92,7 +93,7 @@ class ContinuousLoop:
             references[:: 2 * every],
             commands,
             disturbance[:: 2 * every],
-            self.policy.estimated_disturbance(np.ascontiguousarray(loops[:, STATE_SIZE:])),
+            np.array([self._forces(row) for row in loops[:, STATE_SIZE:]]),
         )
 
     def _advance(self, loop: Floats, references: Floats, disturbances: Floats, h: float) -> Floats:
@@ -108,32 +109,38 @@ class ContinuousLoop:
         s.direction_rate[:] -= (s.direction @ s.direction_rate) * s.direction
         return loop
 
+    def _forces(self, chains: Floats) -> Floats:
+        """Return the disturbance that the observers estimate, shape (9,)."""
+        forces = deso.estimated_forces(chains.reshape(-1, 1), 0, self.policy.gains.mismatch, self._model)
+        return np.concatenate(forces)
+
     def _measure(self, state: Floats, reference: Floats) -> AdrcMeasurement:
         s = State(state)
         bob = s.position + self.policy.simulation.parameters.rod_length * s.direction
         error = np.array([bob[0], bob[1], s.position[2]]) - reference[0, :3]
         euler = s.euler - [0.0, 0.0, reference[0, 3]]
         wanted = Derivatives._make([*(Vec3(*row) for row in reference[2:, :3]), Vec3(*reference[:3, 3])])
-        return make_measurement(Vec3(*error), Vec3(*s.direction), Vec3(*euler), wanted, self.policy.model.numbers, None)
+        return make_measurement(Vec3(*error), Vec3(*s.direction), Vec3(*euler), wanted, self._model, None)
 
     def _control(self, loop: Floats, reference: Floats) -> tuple[AdrcMeasurement, Floats]:
         """Return the measurement and the saturated command, shape (1, 4)."""
         policy, measurement = self.policy, self._measure(loop[:STATE_SIZE], reference)
         lanes = loop[STATE_SIZE:].reshape(-1, 1)
-        command = adrc.adrc(measurement, lanes, 0, policy.numbers, policy.model.numbers)
+        command = adrc.adrc(measurement, lanes, 0, policy.law.numbers, self._model)
         action = to_action(np.array([command]), policy.simulation)
         return measurement, to_command(action, policy.simulation)
 
     def _rate(self, loop: Floats, reference: Floats, disturbance: Floats) -> Floats:
         """Return the rates of change of the loop."""
         policy, (measurement, command) = self.policy, self._control(loop, reference)
-        state, estimate, model = loop[:STATE_SIZE], loop[STATE_SIZE:].reshape(-1, 4), policy.model.numbers
-        error = np.array(adrc.observer_outputs(measurement, model)) - estimate[:, 0]
+        state, estimate, model = loop[:STATE_SIZE], loop[STATE_SIZE:].reshape(-1, 4), self._model
+        error = np.array(deso.observer_outputs(measurement, model)) - estimate[:, 0]
         rate = self._gains * error[:, np.newaxis]
         rate[:, 3] = np.clip(rate[:, 3], -self._limits, self._limits)
         rate[:, :3] += estimate[:, 1:]
         lanes = loop[STATE_SIZE:].reshape(-1, 1)
-        rate[self._driven] += adrc.observer_inputs(measurement, lanes, 0, Four(*command[0]), policy.numbers, model)
+        known = measurement, lanes, 0, Four(*command[0]), policy.gains.mismatch, model
+        rate[self._driven] += deso.observer_inputs(*known)
         s, a = State(state), accelerations(state, command[0], disturbance, policy.simulation.parameters)
         parts = [s.velocity, a.position, s.euler_rate, a.euler, s.direction_rate, a.direction, rate.ravel()]
         return np.concatenate(parts)

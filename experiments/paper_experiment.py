@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from experiments.paper_continuous import ContinuousLoop, Trajectory
-from quadpend_baselines.controllers.adrc import ACTION, ADRC, COMMAND
+from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.gains import tuning
+from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import WIND_STREAM, Streams
@@ -87,7 +88,7 @@ def simulate_sampled(period: float, duration: float = DURATION) -> Trajectory:
         estimate = policy.estimated_disturbance(memory)[0]
         observation, _, terminated, _, _ = env.step(action)
         if i % every == 0:
-            records.append((i * period, state, memory[0, COMMAND:ACTION], estimate))
+            records.append((i * period, state, to_command(action[np.newaxis], simulation)[0], estimate))
         if terminated:
             break
     times, states, commands, estimates = (np.array(part) for part in zip(*records, strict=True))

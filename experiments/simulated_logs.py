@@ -96,7 +96,7 @@ def simulated_log(
     flown, commands = np.empty((steps, 16)), np.empty((steps, 4))
     for step in range(steps):
         flown[step] = np.hstack([view.position[0], view.velocity[0], memory[0, :ROTOR_THRUST], view.direction[0]])
-        attitude = _matrix(*memory[0, QUATERNION:BODY_RATE].tolist())
+        attitude = Rotation.from_quat(memory[0, QUATERNION:BODY_RATE], scalar_first=True).as_matrix()
         p, v, a, yaw = manoeuvre(step * _CONTROL, share)
         gain = 0.25 * speed
         wanted = a + weight + gain**2 * (p - view.position[0]) + 2.0 * gain * (v - view.velocity[0])
@@ -142,15 +142,4 @@ def simulated_log(
         has_position=True,
         valid=np.ones(count, bool),
         pole=pole_motion(motion[:, 13:] + noise.pole * random.standard_normal((count, 3)), period) if side else None,
-    )
-
-
-def _matrix(w: float, x: float, y: float, z: float) -> Floats:
-    """Return the rotation matrix of a quaternion."""
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
     )

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from quadpend_baselines.estimation.estimate import Estimate
+from quadpend_baselines.estimation.kalman import Estimator
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 
@@ -20,6 +22,10 @@ class Law:
     flies_load: ClassVar[bool] = False  # whether it was tested with a hanging load
     has_linear_model: ClassVar[bool] = True  # False: `modelling.linear_loop` need not look for one
     commands_actions: ClassVar[bool] = False  # whether commands are actions, of which a zero thrust is that of hover
+
+    def estimator(self, loop: Loop) -> Any:
+        """Return the estimator for a known loop; by default the Kalman filter with the gains `estimator`."""
+        return Estimator(self.gains.estimator, self.simulation, loop)
 
     def initial_memory(self, rows: int) -> Any:
         """Return the memory at the start of an episode: an array of `rows` rows or a tuple of such arrays."""

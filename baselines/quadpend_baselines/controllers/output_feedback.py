@@ -8,7 +8,6 @@ import numpy as np
 from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.estimation.estimate import Estimate
-from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.measurement import observation_of
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
@@ -30,7 +29,7 @@ class OutputFeedback(Controller):
 
     Args:
         make_law: Returns the control law from its gains and the nominal simulation.
-        gains, simulation, loop: As of `Controller`; the field `estimator` of the gains holds those of the estimator.
+        gains, simulation, loop: As of `Controller`.
     """
 
     def __init__(
@@ -43,7 +42,7 @@ class OutputFeedback(Controller):
         super().__init__(gains, simulation, loop)
         self.make_law, self._law = make_law, make_law(self.gains, self.simulation)
         self.has_linear_model, self.flies_load = self._law.has_linear_model, self._law.flies_load
-        self.estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
+        self.estimator = self._law.estimator(self.loop)
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "OutputFeedback":
         """Return the same controller, designed for another nominal simulation and loop."""
@@ -80,8 +79,7 @@ class OutputFeedback(Controller):
             command[:, THRUST] = mass_ratio * (1.0 + command[:, THRUST]) - 1.0
             wanted = np.clip(command, -1.0, 1.0).astype(np.float32)
         else:
-            if nominal is not estimate:
-                command[:, THRUST] *= mass_ratio
+            command[:, THRUST] *= mass_ratio
             wanted = to_action(command, self.simulation, estimate.rigid)
         action = prediction.compensate(wanted, estimate.array)
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
@@ -91,8 +89,6 @@ class OutputFeedback(Controller):
 
         A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
         """
-        if not self.gains.estimator.mass_time:
-            return estimate
         nominal = Estimate(estimate.array.copy())
         nominal.disturbance[:, :TORQUE] /= estimate.mass_ratio
         return nominal

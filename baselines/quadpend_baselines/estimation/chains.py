@@ -12,7 +12,6 @@ All chains are relative to the reference.
 from typing import Any, NamedTuple
 
 from quadpend_baselines.estimation.estimate import project_direction
-from quadpend_baselines.estimation.measurement import ATTITUDE, DIRECTION, TRACKING_ERROR, read_reference, scaled_vector
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     chain_stiffness,
@@ -75,17 +74,6 @@ def make_measurement(
 def _offset(second: Vec3, fourth: Vec3, model: Pendulum) -> Vec3:
     """Return F − F_d of the wanted F, or its rate, from the derivatives of F_d of two orders, m."""
     return axpy(model.second, second, scale(model.fourth, fourth))
-
-
-@inlined
-def read_measurement(
-    observation: Any, first: int, lane: int, model: Pendulum, rigid: RigidSettings | None
-) -> AdrcMeasurement:
-    """Return the measurement in an observation without rates, which begins in row `first`."""
-    error = scaled_vector(observation, first, TRACKING_ERROR, lane)
-    direction = scaled_vector(observation, first + 3, DIRECTION, lane)
-    euler = scaled_vector(observation, first + 6, ATTITUDE, lane)
-    return make_measurement(error, direction, euler, read_reference(observation, first + 9, lane), model, rigid)
 
 
 @inlined

@@ -212,6 +212,23 @@ def _observe(
                 store_attitude(memory, RIGID_PART, row, measured)
 
 
+def observed_rows(
+    observation: Floats32,
+    loop: Loop,
+    before: Estimate | None,
+    action: Floats32 | None,
+    started: Booleans | None,
+    size: int,
+) -> tuple[Any, tuple[Floats, bool], Floats]:
+    """Return the inputs of a compiled `_observe`, and its output, shape (n, size), for those of `Estimator.observe`."""
+    loop.observation.check(observation)
+    rows, seen = len(observation), (np.ascontiguousarray(observation, np.float64), loop.has_rates)
+    out = np.empty((rows, size))
+    if before is None or action is None:
+        return (out, np.empty((rows, ACTION_SIZE), np.float32), np.ones(rows, np.bool_)), seen, out
+    return (before.array, action, np.zeros(rows, np.bool_) if started is None else started), seen, out
+
+
 @dataclass(frozen=True)
 class Estimator:
     """The observer (1)–(3) for n rows."""
@@ -269,15 +286,8 @@ class Estimator:
             action: The actions since then, shape (n, 4).
             started: The rows whose episode begins with this observation, shape (n,); None: none of them.
         """
-        self.loop.observation.check(observation)
-        rows, has_rates = len(observation), self.loop.has_rates
-        out = np.empty((rows, self.size))
-        if before is None or action is None:
-            before, action, started = Estimate(out), np.empty((rows, ACTION_SIZE), np.float32), np.ones(rows, np.bool_)
-        elif started is None:
-            started = np.zeros(rows, np.bool_)
-        seen = np.ascontiguousarray(observation, np.float64), has_rates
-        _observe((before.array, action, started), seen, self.tables[has_rates], *self.numbers, out)
+        last, seen, out = observed_rows(observation, self.loop, before, action, started, self.size)
+        _observe(last, seen, self.tables[seen[1]], *self.numbers, out)
         return Estimate(out)
 
 

@@ -51,8 +51,8 @@ _BEFORE = _PARAMETERS + PARAMETERS_SIZE
 _ACTION = _BEFORE + ACTION_SIZE
 _FORCES = _ACTION + ACTION_SIZE
 _AIR = _FORCES + DISTURBANCE_SIZE
-_COMMAND = _AIR + 3
-BUFFER_SIZE = _COMMAND + ACTION_SIZE
+ACTED = _AIR + 3
+BUFFER_SIZE = ACTED + ACTION_SIZE
 
 
 class PlantNumbers(NamedTuple):
@@ -110,7 +110,7 @@ def advance(
     """
     plant, actuators = loop.plant, loop.actuators[k]
     period, substeps, numbers = loop.parts[k, 0], int(loop.parts[k, 1]), loop.nominal
-    issued, acting, command = buffer[_BEFORE:_FORCES], buffer[_ACTION:_FORCES], buffer[_COMMAND:BUFFER_SIZE]
+    issued, acting, command = buffer[_BEFORE:_FORCES], buffer[_ACTION:_FORCES], buffer[ACTED:BUFFER_SIZE]
     store_four(acting, 0, 0, action)
     act(acting, plant.delay, actuators, memory, LOOP, lane)
     last = LOOP + ACTION_SIZE * (plant.delay + actuators.shape[0])
@@ -129,7 +129,7 @@ def advance(
     buffer[_PARAMETERS + PARAMETERS_SIZE - 2, 0] = plant.quadrotor_drag_area
     buffer[_PARAMETERS + PARAMETERS_SIZE - 1, 0] = plant.bob_drag_area
     lanes, parameters, forces = buffer[:_PARAMETERS], buffer[_PARAMETERS:_BEFORE], buffer[_FORCES:_AIR]
-    air = buffer[_AIR:_COMMAND]
+    air = buffer[_AIR:ACTED]
     if rigid is None:
         own = EulerSettings(plant.command_scale, False)
         integrate_euler(lanes, issued, numbers, forces, air, parameters, own, 1, period, substeps, command)

@@ -7,7 +7,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import CONTROLLERS, controller
-from quadpend_baselines.controllers.adrc import ADRC, AdrcGains
+from quadpend_baselines.controllers.adrc import ADRC, AdrcGains, AdrcLaw
 from quadpend_baselines.estimation.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
 from quadpend_baselines.gains import ObserverGains, tuning
 from quadpend_baselines.policy.rollout import rollout
@@ -35,7 +35,7 @@ def predicted_offset(gains: AdrcGains, simulation: Simulation) -> float:
     w = p.gravity / (p.quadrotor_mass * p.rod_length)
     correct = np.eye(4) - np.outer(current_gain(gains.luenberger, period), [1.0, 0.0, 0.0, 0.0])
     bias = np.linalg.solve(np.eye(4) - correct @ chain(period), correct @ input_gain(LUENBERGER_INPUT, period) * w)
-    k = ADRC(gains, simulation).horizontal_gains
+    k = AdrcLaw(gains, simulation).numbers[:6]
     return float((k[4] * w + k[:4] @ bias) / k[0])
 
 

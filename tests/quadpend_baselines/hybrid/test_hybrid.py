@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
-from quadpend_baselines.controllers.adrc import COMMAND
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import (
@@ -92,9 +91,7 @@ def test_residual_is_scaled_added_and_clipped(name: str) -> None:
     for residual, scale in (((0.5, -0.5, 1.0, -1.0), 0.2), ((1.0, -1.0, 1.0, -1.0), 3.0)):
         action, memory = HybridPolicy(ResidualAction(name, scale), constant(*residual)).predict(observation)
         assert_allclose(action, np.clip(base_action + scale * np.float32(residual), -1.0, 1.0), atol=1e-6)
-        known = memory.controller
-        adrc = isinstance(known, np.ndarray)
-        command = known[:, COMMAND : COMMAND + 4] if adrc else to_command(known.action, Simulation())
+        command = to_command(memory.controller.action, Simulation())
         size = Simulation().command_scale
         assert_allclose(command, size * (action + np.eye(4)[0]), rtol=1e-6)
 

@@ -91,28 +91,19 @@ static void act(@name@_policy *policy, int is_sample) {
 #else
     (void)is_sample;
 #if ADRC
-#if ESTIMATE
-    real plant[ESTIMATE];
-    begin_following(memory, plant);
+    real plant[MEMORY];
+    release(memory, plant);
     predict(plant, action, 0, 1);
-    apply(memory, action, plant, next);
+    correct(memory, plant, observed, next);
 #else
-    apply(memory, action, next);
-#endif
-    copy(MEMORY, next, memory);
-#endif
     correct(memory, observed, next);
+#endif
 #endif
     copy(MEMORY, next, memory);
   }
 #if ESTIMATE
   real later[ESTIMATE];
-#if ADRC
-  prepare(memory, next, later);
-  copy(MEMORY, next, memory);
-#else
   copy(ESTIMATE, memory, later);
-#endif
   predict(later, action, 1, PARTS);
 #else
   const real *later = memory;

@@ -5,7 +5,7 @@
 | argument  | size | content                                                                                     |
 |-----------|------|---------------------------------------------------------------------------------------------|
 | observed  | 27   | the observation of the environment without rates                                            |
-| memory    | m    | an estimate (`estimation.prediction`), the memory of `controllers.adrc`, or an observation   |
+| memory    | m    | an estimate (`estimation.estimate`, also that of `estimation.deso`), or an observation       |
 | later     | e    | the estimate at the time when the action acts                                               |
 | extra     | k    | memory of the control law, then of the hybrid                                               |
 | seen      | n    | inputs of the network                                                                       |
@@ -22,7 +22,7 @@ from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation import kalman
+from quadpend_baselines.estimation import deso, kalman
 from quadpend_baselines.estimation import prediction as predicting
 from quadpend_baselines.estimation.estimate import (
     DISTURBANCE,
@@ -44,7 +44,6 @@ from quadpend_gym import Simulation
 from quadpend_gym.engines import columns, lift, vector
 from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
 from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE, THRUST
 from quadpend_gym.physics.vectors import Four
@@ -122,7 +121,7 @@ def program(policy: Any, simulation: Simulation) -> Program:
     return found._replace(functions={"observe": observe, **found.functions})
 
 
-def _parts(prediction: Any, size: int, replaced: Any = None) -> tuple[dict[str, Any], list[str]]:
+def _parts(prediction: Any, size: int, advances: Any = predicting.advance) -> tuple[dict[str, Any], list[str]]:
     """Return the functions that advance an estimate of a length, and their names for each part of the loop."""
     packed, packed_rigid = prediction.numbers
     loop, rigid = lift(predicting.unpack_loop)(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
@@ -135,7 +134,7 @@ def _parts(prediction: Any, size: int, replaced: Any = None) -> tuple[dict[str, 
 
             def advance(state: Any, chosen: Any, k: int = k) -> dict[str, Any]:
                 memory, buffer = columns(state), np.empty((predicting.BUFFER_SIZE, 1), object)
-                lift(predicting.advance)(memory, 0, Four(*ca.vertsplit(chosen)), k, loop, rigid, buffer)
+                lift(advances)(memory, 0, Four(*ca.vertsplit(chosen)), k, loop, rigid, buffer)
                 return {"following": vector(memory)}
 
             functions[found[key]] = _function(found[key], advance, state=size, chosen=ACTION_SIZE)
@@ -316,86 +315,45 @@ def _differences(simulation: Simulation) -> Program:
 
 
 def _adrc(policy: ADRC) -> Program:
-    """Return the control step of ADRC; the kernels are cut where they advance an estimate, which ``policy.c`` does."""
-    size, bank = policy._estimate_size, np.minimum(policy._bank, _HIGHEST)
-    packed_loop, packed_rigid = policy._prediction.numbers
-    numbers = policy._packed, packed_loop, packed_rigid
-    total, plant, first = adrc.PLANT + 2 * size, lifted_plant(policy.simulation), adrc.PLANT + size
-    loop = lift(predicting.unpack_loop)(packed_loop)
+    """Return the control step of ADRC."""
+    found, law, size = policy.bank, policy.law, policy.bank.size
+    bank, _, packed, packed_rigid = found.numbers
+    bank, mismatch, plant = np.minimum(bank, _HIGHEST), found.bank.mismatch, lifted_plant(policy.simulation)
+    loop, rigid = lift(predicting.unpack_loop)(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
+    model, prediction = loop.plant.pendulum, found.prediction
 
-    def commands(memory: Any, later: Any = None, started: bool = False) -> tuple[Any, Any, Any, Any]:
-        """Return the memory, the estimates before and after the cut, and thrust and torques."""
-        before, out, after, cut = _row(memory), _row(memory), np.empty((1, size), object), []
-
-        def carry(state: Any, *_: Any) -> None:
-            cut.append(vector(state))
-            if later is not None:
-                state[:, 0] = ca.vertsplit(later)
-                _arrive(state, loop)
-
-        replaced = {predicting.carry_forward: carry, is_bounded: lambda *_: True}
-        observed = before[:, adrc.OBSERVED : adrc.PLANT]
-        command = lift(adrc._commands, replaced)((before, [started]), observed, *numbers, out, after)
-        return vector(out), cut[0] if cut else vector(after) if size else None, after, command
-
-    def observe(memory: Any, observed: Any, started: bool) -> Any:
-        out, kernel = _row(memory), lift(adrc._observe, {is_bounded: lambda *_: True})
-        kernel((_row(memory), [started]), _row(observed), bank, *numbers, out)
-        return vector(out)
+    def measured(observed: Any) -> tuple[Any, bool, Any]:
+        state, reference = lift(measure)(columns(observed), 0, False, model.vehicle.rod_length)
+        return state, False, reference
 
     def begin(observed: Any) -> dict[str, Any]:
-        memory = observe(ca.SX.zeros(total), observed, True)
-        if size:
-            memory, _, _, _ = commands(memory, started=True)
-            memory = ca.vertcat(memory[:first], memory[adrc.PLANT : first])
-        return {"memory": memory}
+        memory = np.zeros((size, 1), object)
+        lift(deso.begin)(memory, 0, *measured(observed), mismatch, model, rigid)
+        return {"memory": vector(memory)}
 
-    def correct(memory: Any, observed: Any) -> dict[str, Any]:
-        return {"next": observe(memory, observed, False)}
+    def release(memory: Any) -> dict[str, Any]:
+        released = columns(memory)
+        released[DISTURBANCE:MASS_RATIO] = 0.0
+        return {"plant": vector(released)}
 
-    def prepare(memory: Any) -> dict[str, Any]:
-        after, later, _, _ = commands(memory)
-        return {"next": after, "later": later}
+    def correct(memory: Any, plant: Any, observed: Any) -> dict[str, Any]:
+        after, kernel = columns(plant), lift(deso.correct, {is_bounded: lambda *_: True})
+        kernel(after, 0, columns(memory), *measured(observed), bank, found.bank, 0, model, rigid)
+        return {"next": vector(after)}
 
-    def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
-        _, _, after, command = commands(memory, later if size else None)
-        if not size:
-            return {"action": vector(plant.actions_for(command)), "next_extra": extra}
-        wanted = plant.actions_for(command, after[:, RIGID_PART : RIGID_PART + RIGID_SIZE]).T
-        lift(compensate)(wanted, loop.plant.delay, policy._prediction.actuators[0], after.T, LOOP, 0)
+    def act(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
+        after = columns(later)
+        _arrive(after, loop)
+        if loop.parts.shape[0] > 1:
+            lift(deso.shift)(columns(memory), after, 0, model, rigid)
+        command = _row(ca.vertcat(*lift(adrc.command_of)(after.T, 0, law.numbers, model, rigid)))
+        wanted = plant.actions_for(command, after[RIGID_PART:LOOP].T).T
+        lift(compensate)(wanted, prediction.loop.steps, prediction.actuators[0], after, LOOP, 0)
         return {"action": vector(wanted), "next_extra": extra}
 
-    def applied(memory: Any, action: Any, following: Any) -> tuple[Any, Any]:
-        """Return the estimate before the cut, and the memory after it."""
-        out, cut = _row(memory), []
-
-        def advance(state: Any, *_: Any) -> None:
-            cut.append(vector(state))
-            state[:, 0] = ca.vertsplit(following)
-
-        lift(adrc._apply, {predicting.advance: advance})(_row(action), *numbers, out)
-        return cut[0], vector(out)
-
-    def begin_following(memory: Any) -> dict[str, Any]:
-        return {"plant": applied(memory, ca.SX.zeros(ACTION_SIZE), ca.SX.zeros(size))[0]}
-
-    def apply(memory: Any, action: Any, plant: Any) -> dict[str, Any]:
-        return {"next": applied(memory, action, plant)[1]}
-
-    def apply_at_once(memory: Any, action: Any) -> dict[str, Any]:
-        command = vector(plant_of(policy.simulation).command(_row(action)))
-        return {"next": ca.vertcat(memory[: adrc.COMMAND], command, action, memory[adrc.OBSERVED :])}
-
-    made = {
-        "begin": _function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE),
-        "correct": _function("correct", correct, memory=total, observed=OUTPUT_FEEDBACK_SIZE),
-        "law": _function("law", law, memory=total, later=size or total, extra=1, output=ACTION_SIZE),
-    }
-    if not size:
-        made["apply"] = _function("apply", apply_at_once, memory=total, action=ACTION_SIZE)
-        return Program(made, [], total, 1, 0, 0, 1.0)
-    functions, names = _parts(policy._prediction, size)
-    made["prepare"] = _function("prepare", prepare, memory=total)
-    made["begin_following"] = _function("begin_following", begin_following, memory=total)
-    made["apply"] = _function("apply", apply, memory=total, action=ACTION_SIZE, plant=size)
-    return Program({**functions, **made}, names, total, 1, size, 0, 1.0)
+    functions, names = _parts(prediction, size, deso.advance_known)
+    functions["begin"] = _function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)
+    functions["release"] = _function("release", release, memory=size)
+    functions["correct"] = _function("correct", correct, memory=size, plant=size, observed=OUTPUT_FEEDBACK_SIZE)
+    functions["law"] = _function("law", act, memory=size, later=size, extra=1, output=ACTION_SIZE)
+    return Program(functions, names, size, 1, size, 0, 1.0)

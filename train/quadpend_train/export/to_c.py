@@ -154,7 +154,7 @@ def _inner(adapted: Any) -> Any:
 
 def _is_fast(policy: ADRC) -> bool:
     """Return whether the observers amplify the rounding of the measurement."""
-    return max(gains.bandwidth for _, gains in policy.observers) * policy.simulation.period > 1.0
+    return max(gains.bandwidth for _, gains in policy.bank.observers) * policy.simulation.period > 1.0
 
 
 def _observer(policy: Any) -> Any:
