@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from quadpend_gym import RewardWeights
+from quadpend_gym import OrnsteinUhlenbeck, RewardWeights
 from quadpend_gym.scenarios import SETS, Scenario
 from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training.algorithms import make_model
@@ -24,6 +24,7 @@ from quadpend_train.training.settings import (
     to_mapping,
     with_values,
 )
+from tests.helpers.own_code import write_module
 from tests.helpers.policies import mlp_policy
 from tests.helpers.training import BRIEF, train_policy
 
@@ -123,6 +124,20 @@ def test_scenarios_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Pat
     assert settings(to_mapping(whole)["scenarios"]) == whole
     for given in ('{"wind": "windy"}', {"wind": "windy"}, [{"wind": "windy"}]):
         assert settings(given) == whole
+
+
+class Mine(OrnsteinUhlenbeck):
+    """A wind of the user's own class."""
+
+
+def test_models_of_own_code_are_kept_by_the_names_of_their_factories_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = write_module(tmp_path, monkeypatch, "from quadpend_gym import Dryden as make")
+    own = TrainSettings(scenarios=f"{module}:make")
+    assert from_mapping(to_mapping(own), "a test") == own
+    with pytest.raises(ValueError, match=r"cannot describe Mine\(.*: give the wind of a scenario as 'module:factory'"):
+        to_mapping(TrainSettings(scenarios=Scenario(wind=Mine())))
 
 
 @pytest.mark.parametrize(

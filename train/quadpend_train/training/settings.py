@@ -26,7 +26,7 @@ from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.nested import changed
 from quadpend_gym.core.settings import Parsed, Range, parse, settings, suggest
-from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenarios, refuse_held_out
+from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenarios, refuse_held_out, scenario_data
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import arguments as sb3
 
@@ -145,8 +145,9 @@ def _data(scenario: Scenario) -> Any:
     """Return a scenario as in a settings file: the name of one of this package, or its fields but for the defaults."""
     if scenario == SCENARIOS.get(scenario.name):
         return scenario.name
-    default = to_plain_data(Scenario(), _refuse)
-    return {name: value for name, value in to_plain_data(scenario, _refuse).items() if value != default[name]}
+    to_plain_data(scenario, _refuse)
+    default = scenario_data(Scenario())
+    return {name: value for name, value in scenario_data(scenario).items() if value != default[name]}
 
 
 def _refuse(model: Any) -> Any:
