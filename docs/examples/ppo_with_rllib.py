@@ -14,7 +14,7 @@ from ray.rllib.core.rl_module import RLModule
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
 from quadpend_baselines import Policy
-from quadpend_train.policies.export import read_layers
+from quadpend_train.policies.from_sb3 import read_layers
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 
 

@@ -173,7 +173,7 @@ def export(
 
         export_onnx(load_policy(model), path)
     else:
-        from quadpend_train.policies.export import export_zip
+        from quadpend_train.policies.from_sb3 import export_zip
 
         export_zip(Path(model), vec_normalize, source=Path(model).name).save(path)
     print("Written:", *files)

@@ -113,7 +113,7 @@ def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
 
     The memory of a recurrent model is the state of its LSTM.
     """
-    from quadpend_train.policies.export import export, normalization_of, trained_for
+    from quadpend_train.policies.from_sb3 import export, normalization_of, trained_for
 
     normalization = normalization_of(model, vec_normalize)
     if model.action_space != action_space():

@@ -63,7 +63,7 @@ def load_policy(name: str) -> Policy:
     if is_factory(name):
         return FactoryPolicy(name)
     if (path := policy_file(name)).suffix == ".zip":
-        from quadpend_train.policies.export import from_zip
+        from quadpend_train.policies.from_sb3 import from_zip
 
         policy = from_zip(path, None, policy_from_model)
     elif path.suffix == ".npz":

@@ -12,7 +12,7 @@ import torch
 from quadpend_gym.tasks.observation import FULL
 from quadpend_train.common.text import brief
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.policies.export import export
+from quadpend_train.policies.from_sb3 import export
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.policies.mlp_policy import MlpPolicy, check_interface
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, linear_layers

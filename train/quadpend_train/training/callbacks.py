@@ -12,7 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from quadpend_baselines import Policy
 from quadpend_train.common.files import atomic, write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
-from quadpend_train.policies.export import export
+from quadpend_train.policies.from_sb3 import export
 from quadpend_train.training.settings import TrainSettings
 
 CHECKPOINT, CURVE, BEST = "checkpoint.zip", "curve.csv", "best.npz"

@@ -31,7 +31,7 @@ from tqdm.auto import tqdm
 from quadpend_train.common.files import atomic, write_text
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
-from quadpend_train.policies.export import export
+from quadpend_train.policies.from_sb3 import export
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.algorithms import load_actor, load_model, make_model
 from quadpend_train.training.callbacks import (

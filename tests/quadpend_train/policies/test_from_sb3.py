@@ -22,7 +22,7 @@ from quadpend_train.cli.main import main
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.conversion import FunctionPolicy, as_policy
-from quadpend_train.policies.export import export, export_zip, read_layers
+from quadpend_train.policies.from_sb3 import export, export_zip, read_layers
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 from quadpend_train.policies.normalization import statistics_files
