@@ -5,7 +5,7 @@ either a thrust and torques in the body frame or four rotors with their places, 
 propeller inertia and one time constant of a rotor.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,14 +16,14 @@ from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUS
 from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.vehicles import Simulation, Vehicle
-from tests.helpers.mujoco_engine import Comparison
 from tests.helpers.physics import random_disturbances
 from tests.helpers.rigid import Flight, start_tumbling
 
 # Factors of random disturbances of order one: forces of 1 N on body and pole, torques of 0.1 N·m.
 UNIT_FORCES = np.array([1.0] * 6 + [0.1] * 3)
 
-# MuJoCo needs an inertia of the pole about its axis; with zero spin it has no effect.
+# MuJoCo needs an inertia of the pole; beside m l² of the whole pole that of a point mass is negligible, and with zero
+# spin that about its axis has no effect.
 MODEL = """
 <mujoco>
   <compiler angle="radian" inertiafromgeom="false" balanceinertia="false" boundmass="0" boundinertia="0"/>
@@ -37,13 +37,25 @@ MODEL = """
       {sites}
       <body name="pole" pos="{pivot}">
         <joint type="ball"/>
-        <inertial pos="0 0 {v.pole.length}" mass="{v.pole.mass}" diaginertia="{transverse} {transverse} 1e-9"/>
+        <inertial pos="0 0 {v.pole.length}" mass="{v.pole.mass}" diaginertia="{transverse} {transverse} {axial}"/>
       </body>
     </body>
   </worldbody>
   <actuator>{actuators}</actuator>
 </mujoco>
 """
+
+
+class Comparison(NamedTuple):
+    """The distance of a flight from MuJoCo's.
+
+    Attributes:
+        errors: Largest distance of a body along an axis, m, by the number of substeps.
+        rate: Largest rate of the flight, rad/s: of the pendulum and, for a rigid vehicle, of its body.
+    """
+
+    errors: dict[int, float]
+    rate: float
 
 
 def describe(vehicle: Vehicle, timestep: float) -> str:
@@ -64,7 +76,8 @@ def describe(vehicle: Vehicle, timestep: float) -> str:
         inertia=" ".join(repr(float(i[entry])) for entry in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
         sites=sites,
         pivot=" ".join(map(repr, vehicle.pivot)),
-        transverse=max(vehicle.pole.inertia, 1e-9),
+        transverse=max(vehicle.pole.inertia, 1e-12),
+        axial=min(max(vehicle.pole.inertia, 1e-12), 1e-9),
         actuators="".join(f'<general site="s{n}" gear="{gear}" {lag}/>' for n, gear in enumerate(gears)),
     )
 

@@ -1,4 +1,4 @@
-"""The vector environment: masked resets and seeds. `test_wrappers` compares its rows with single environments."""
+"""Seeds of the vector environment. `test_wrappers` compares its rows with single environments, and resets by mask."""
 
 from typing import Any
 
@@ -6,40 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from quadpend_gym.core.arrays import Floats32
-from tests.helpers.envs import (
-    WINDY,
-    draw_actions,
-    make,
-    make_vec,
-    run_actions,
-)
-
-
-def test_reset_mask_resets_only_the_masked_sub_environments() -> None:
-    env, untouched = make_vec(4, wind=WINDY), make_vec(4, wind=WINDY)
-    mask = np.array([True, False, False, True])
-    env.reset(seed=0), untouched.reset(seed=0)
-    run_actions(env, draw_actions(0, 5, 4)), run_actions(untouched, draw_actions(0, 5, 4))
-    before = env.state.array.copy()
-    _, info = env.reset(seed=70, options={"reset_mask": mask, "state": {"position": (0.0, 0.0, 3.0)}})
-    assert_array_equal(env.state.array[~mask], before[~mask])
-    assert_array_equal(env.state.position[mask], np.broadcast_to((0.0, 0.0, 3.0), (2, 3)))
-    assert_array_equal(info["_tilt"], mask)
-    assert env.world.episode.tolist() == [0, 0, 0, 0]
-    actions = draw_actions(1, 10, 4)
-    assert_array_equal(
-        [step[0][~mask] for step in run_actions(env, actions)],
-        [step[0][~mask] for step in run_actions(untouched, actions)],
-    )
-    assert_array_equal(env.reset()[0][mask], make_twice_reset(70)[mask])
-
-
-def make_twice_reset(seed: int) -> Floats32:
-    """Return the first observations of the second episodes of four sub-environments."""
-    env = make_vec(4, wind=WINDY)
-    env.reset(seed=seed)
-    return env.reset()[0]
+from tests.helpers.envs import make, make_vec
 
 
 @pytest.mark.parametrize("seeds", [[5, 2, 5], (5, 2, 5), np.array([5, 2, 5])], ids=["list", "tuple", "array"])
