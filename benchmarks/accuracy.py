@@ -21,9 +21,9 @@ from quadpend_gym.vehicles.parts import Drag
 from quadpend_train.evaluation import statistics
 from quadpend_train.evaluation.formatting import markdown_table
 from tests.helpers.envs import AT_REST, ENDLESS
-from tests.helpers.mujoco_engine import Comparison, position_errors
+from tests.helpers.mujoco_engine import position_errors
 from tests.helpers.physics import UNEQUAL, random_states, simulate_period
-from tests.helpers.rigid_mujoco import rigid_position_errors
+from tests.helpers.rigid_mujoco import Comparison, rigid_position_errors
 
 EPISODE_STEPS, DRIFT_STEPS = 1000, 1_000_000
 PERIODS = (0.005, 0.01, 0.02, 0.04)  # s

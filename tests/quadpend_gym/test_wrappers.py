@@ -14,13 +14,11 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from numpy.testing import assert_array_equal
 from stable_baselines3.common.env_checker import check_env as check_with_sb3
-from stable_baselines3.common.env_util import make_vec_env
 
 from quadpend_gym import Waypoints
 from quadpend_gym.actuators import ActionDelay, GyroBias, PacketLoss
 from quadpend_gym.core.arrays import Booleans
 from quadpend_gym.vehicles import VEHICLES
-from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.envs import (
     AUTORESET_MODES,
     assert_same,
@@ -179,10 +177,3 @@ def test_every_part_has_its_own_random_stream(added: Any) -> None:
         assert (mine.wind == theirs.wind).all() == (added != WIND)
         assert (mine.parameters == theirs.parameters).all() == (added != PARAMETERS)
         run_actions(whole, draw_actions(0, 3, 5)), run_actions(fewer, draw_actions(1, 5, 5))
-
-
-@pytest.mark.parametrize("wrapper", [None, WindWrapper])
-def test_stable_baselines3_makes_its_own_vector_of_them(wrapper: Any) -> None:
-    kwargs = {"wind": "breeze"} if wrapper else None
-    envs = make_vec_env("QuadPendulum-v0", 2, wrapper_class=wrapper, wrapper_kwargs=kwargs)
-    assert envs.reset().shape == (2, 36)

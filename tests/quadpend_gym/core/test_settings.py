@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
 
 import quadpend_train.training.settings  # noqa: F401, so that all settings are imported
 from quadpend_gym import Constant, SinusoidTerm, Waypoints
@@ -18,7 +17,7 @@ from quadpend_gym.randomization import Around, LoopRanges, ParameterRanges
 from quadpend_gym.sensors import Noise
 from quadpend_gym.tasks.trajectories import Sinusoids
 from quadpend_gym.vehicles import VEHICLES
-from quadpend_gym.wind import Drawn, Gusts, Rescaled, WindFromFactory
+from quadpend_gym.wind import Drawn, Rescaled, WindFromFactory
 from quadpend_gym.wind.steady import Rising
 
 HUMMINGBIRD = VEHICLES["hummingbird"]
@@ -106,10 +105,3 @@ def test_a_sentence_says_what_is_wrong() -> None:
 
 def test_numpy_values_become_plain_data() -> None:
     assert repr(Pole(np.float32(0.5), force=np.ones(3))) == "Pole(mass=0.5, thrust=None, force=(1.0, 1.0, 1.0))"
-
-
-def test_the_schema_of_a_wind_names_its_presets_and_kinds() -> None:
-    schema = TypeAdapter(Drawn).json_schema()
-    names, *kinds = schema["$defs"]["Drawn"]["properties"]["wind"]["anyOf"]
-    assert {"windy", "storm", "dryden"} <= set(names["enum"])
-    assert {"$ref": f"#/$defs/{Gusts.__name__}"} in kinds

@@ -1,12 +1,10 @@
 """Render modes: what `render` returns, also inside other wrappers, and that rendering changes no number."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.wrappers import RecordVideo
 
 from quadpend_gym import Reference
 from tests.helpers.envs import (
@@ -117,12 +115,3 @@ def test_without_a_render_mode_there_is_no_recorder_and_render_warns(env: Any) -
     assert env.unwrapped.recorder is None
     with pytest.warns(UserWarning, match="render_mode"):
         assert env.render() is None
-
-
-def test_record_video_writes_a_video(tmp_path: Path) -> None:
-    env = RecordVideo(make(render_mode="rgb_array"), str(tmp_path / "video"))
-    env.reset(seed=0)
-    run_actions(env, np.zeros((30, 4), np.float32))
-    env.close()
-    (video,) = (tmp_path / "video").glob("*.mp4")
-    assert video.stat().st_size > 1000

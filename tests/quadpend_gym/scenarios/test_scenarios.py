@@ -247,6 +247,17 @@ def test_own_code_gives_a_wind_or_a_whole_scenario(tmp_path: Path, monkeypatch: 
     assert not own_models(SCENARIOS["storm"])
 
 
+def test_a_factory_that_returns_nothing_and_a_module_that_ends_the_program_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    forgetful = write_module(tmp_path, monkeypatch, "def wind():\n    pass\n")
+    with pytest.raises(ValueError, match=f"{forgetful}:wind must return a wind model: it returns None"):
+        as_wind(f"{forgetful}:wind")
+    ending = write_module(tmp_path, monkeypatch, "import sys\nsys.exit(3)\n")
+    with pytest.raises(ValueError, match=f"the module of '{ending}:wind' cannot be imported .* SystemExit: 3"):
+        as_wind(f"{ending}:wind")
+
+
 def test_a_mapping_changes_the_scenarios_own_part_and_an_object_replaces_it(recwarn: pytest.WarningsRecorder) -> None:
     found, effort = SCENARIOS["flight_training_wind"], {"reward": {"effort": 0.3}}
     task = replace(found.task, reward=replace(found.task.reward, effort=0.3))

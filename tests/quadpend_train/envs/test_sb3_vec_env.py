@@ -59,19 +59,11 @@ def test_reward_scale_does_not_change_episode_statistics() -> None:
     assert given[3][0]["episode"]["r"] == expected[3][0]["episode"]["r"]
 
 
-def test_options_and_seeds_apply_to_one_reset() -> None:
-    env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
-    env.seed(1)
-    env.set_options({"state": {"position": [1.0, 2.0, 3.0]}})
-    env.reset()
-    inner, _ = env.get_attr("unwrapped")
-    np.testing.assert_array_equal(inner.state.position, [[1.0, 2.0, 3.0]] * 2)
-    env.reset()
-    assert not np.any(inner.state.position == [1.0, 2.0, 3.0])
+ROWS: list[dict[str, Any]] = [{"state": {"position": (1.0, 0.0, 2.0)}}, {}, {"state": {"euler": (0.1, 0.0, 0.0)}}]
 
 
-def test_each_row_has_its_own_options_as_in_dummy_vec_env() -> None:
-    rows: list[dict[str, Any]] = [{"state": {"position": (1.0, 0.0, 2.0)}}, {}, {"state": {"euler": (0.1, 0.0, 0.0)}}]
+@pytest.mark.parametrize("rows", [ROWS, ROWS[0]], ids=["for each row", "for all"])
+def test_options_and_seeds_apply_to_one_reset_as_in_dummy_vec_env(rows: Any) -> None:
     reference = DummyVecEnv([make_monitored] * NUM_ENVS)
     env = SB3VecEnv(QuadPendulumVectorEnv(NUM_ENVS, wind=OrnsteinUhlenbeck(), autoreset_mode="SameStep"))
     for wrapped in (reference, env):
@@ -81,7 +73,7 @@ def test_each_row_has_its_own_options_as_in_dummy_vec_env() -> None:
         np.testing.assert_array_equal(reference.reset(), env.reset())
         np.testing.assert_array_equal(reference.step(action)[0], env.step(action)[0])
         assert [info.keys() for info in reference.reset_infos] == [info.keys() for info in env.reset_infos]
-    env.set_options(rows[:2])
+    env.set_options(ROWS[:2])
     with pytest.raises(ValueError, match="options must be one mapping or 3 mappings, not 2"):
         env.reset()
 

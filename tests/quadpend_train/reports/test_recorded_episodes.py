@@ -25,15 +25,6 @@ def constructed(rmse: dict[str, Any]) -> Comparison:
     return synthetic_comparison(0.5, **{name: [synthetic_results(values)] for name, values in rmse.items()})
 
 
-def decoded(data: dict[str, Any]) -> Floats:
-    """Samples as the page reads them, shape (T, c)."""
-    return np.array(data["samples"], np.float64)
-
-
-def policies_of(comparison: Comparison) -> list[str]:
-    return choose_policies(comparison)
-
-
 def replay_of(comparison: Comparison, count: int) -> dict[str, Any]:
     data = record_replay(comparison, count)
     assert data is not None
@@ -48,8 +39,8 @@ def replayed() -> tuple[Comparison, dict[str, Any]]:
 
 def test_the_replay_contains_the_first_policy_and_the_two_best_others() -> None:
     comparison = constructed({"first": [0.5], "worse": [0.4], "good": [0.2], "best": [0.1]})
-    assert policies_of(comparison) == ["first", "best", "good"]
-    assert policies_of(constructed({"best": [0.1], "other": [0.2]})) == ["best", "other"]
+    assert choose_policies(comparison) == ["first", "best", "good"]
+    assert choose_policies(constructed({"best": [0.1], "other": [0.2]})) == ["best", "other"]
 
 
 def test_the_median_episode_comes_first_and_then_the_hardest() -> None:
@@ -74,7 +65,7 @@ def test_the_recorded_episode_is_the_compared_episode(replayed: tuple[Comparison
             episode = scene["seed"] - comparison.table.attrs["seed"]
             for policy, run in zip(NAMES, scene["episodes"], strict=True):
                 values = cells(comparison.table)[name, policy]
-                error, steps = decoded(run)[:, -1], int(values["steps"][0, episode])
+                error, steps = np.array(run["samples"])[:, -1], int(values["steps"][0, episode])
                 exact = comparison.errors[name, policy][0, episode, sampled_steps(steps, 0.01)]
                 np.testing.assert_allclose(error, exact, atol=0.51e-4)
                 assert run["fell"] == (None if values["survived"][0, episode] else pytest.approx(0.01 * steps))
@@ -148,7 +139,7 @@ def test_play_advances_time_and_pause_stops_it(page: Browser) -> None:
 
 def test_the_table_shows_the_recorded_numbers(page: Browser, replayed: tuple[Comparison, dict[str, Any]]) -> None:
     """The times are that of a sample and the middle between two samples."""
-    samples = decoded(replayed[1]["scenarios"]["windy"][0]["episodes"][0])
+    samples = np.array(replayed[1]["scenarios"]["windy"][0]["episodes"][0]["samples"])
     for at in (100.0, 100.5):
         page.run(f"replay.seek({0.01 + 0.04 * at})")
         assert_shown(page, (samples[int(at)] + samples[int(np.ceil(at))]) / 2.0)
