@@ -58,7 +58,7 @@ from quadpend_gym.tasks.observation import (
 )
 from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_reference
 from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
-from quadpend_gym.tasks.trajectories import Reference, reference_at
+from quadpend_gym.tasks.trajectories import is_one_term, reference_at
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 
@@ -145,8 +145,10 @@ class _Generator:
             )
         if scenario.loop is not None and scenario.loop.rotor_lag is not None:
             raise ValueError("device: the generated kernel does not draw loop.rotor_lag: leave it out")
-        if not isinstance(self.task.trajectory, Reference | None):
-            raise ValueError("device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference")
+        if self.task.trajectory is not None and not is_one_term(self.task.trajectory):
+            raise ValueError(
+                "device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference without terms"
+            )
         self.plant = plant_of(self.simulation)
         self.loop = None if scenario.loop is None else Schedule(scenario.loop, self.simulation, 1)
         self.moves_air = any(model.moves_air for model in scenario.wind_models)

@@ -90,7 +90,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
     `reset(options={"state": {"position": …}})` sets any field of the state (`quadpend_gym.physics.state`); fields that
     are not given are drawn. `reset(options={"reference": Reference.circle(1.0, 1.0)})` sets the reference, which may
-    also be `Waypoints` or `Sinusoids`. `Task(trajectory=…)` sets the reference of every episode.
+    also be `Waypoints`. `Task(trajectory=…)` sets the reference of every episode.
     `reset(options={"parameters": {"bob_mass": 0.25}})` sets physical parameters of the episode, with the names and
     units of `Parameters`; the others are drawn or nominal.
 

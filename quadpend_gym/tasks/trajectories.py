@@ -1,10 +1,10 @@
-"""Trajectories: one sinusoid (`Reference`), waypoints with times, and sums of sinusoids.
+"""Trajectories: sums of sinusoids (`Reference`), and waypoints with times.
 
 A trajectory gives the four channels F_x, F_y, z and ψ as functions of time, see `references`, with exact derivatives of
 order 0 to 6:
 
     (1)  Waypoints:  Σₖ cᵢₖ (t − tᵢ)ᵏ in piece i, k = 0 … 13, see `minimum_snap`
-    (2)  Sinusoids:  offset + rate · t + Σⱼ amplitudeⱼ · sin(frequencyⱼ · t + phaseⱼ)
+    (2)  Reference:  offset + rate · t + Σⱼ amplitudeⱼ · sin(frequencyⱼ · t + phaseⱼ)
 
 Waypoints rest at the first point before the first time and at the last point after the last time; closed ones repeat.
 
@@ -19,9 +19,9 @@ A packed trajectory is a flat array. Many of them stand one after the other in t
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, fields
+from dataclasses import fields
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,10 +177,21 @@ def _sample_times(frequencies: Any) -> Floats:
 
 
 @settings
-class Reference(_Packed):
-    """A constant velocity plus one sinusoid, see `references`.
+class SinusoidTerm:
+    """A sinusoid of a `Reference`, with one number for each channel or one for all."""
 
-    Every field has one number for each channel: F_x (m), F_y (m), z (m) and ψ (rad).
+    # amplitude in each channel
+    amplitude: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
+    # angular frequency in each channel
+    frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)  # phase in each channel
+
+
+@settings
+class Reference(_Packed):
+    """A constant velocity plus sinusoids, equation (2): one in the fields, and further ones in `terms`.
+
+    Every other field has one number for each channel: F_x (m), F_y (m), z (m) and ψ (rad).
     """
 
     # constant part in each channel (F_x, F_y, z, ψ)
@@ -192,6 +203,8 @@ class Reference(_Packed):
     # angular frequency in each channel
     frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
     phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)  # phase in each channel
+    terms: tuple[SinusoidTerm, ...] = ()  # further sinusoids
+    kind: Literal["sinusoids"] = "sinusoids"
 
     @classmethod
     def hover(cls, x: float = 0.0, y: float = 0.0, z: float = 2.0, yaw: float = 0.0) -> "Reference":
@@ -224,23 +237,24 @@ class Reference(_Packed):
     @classmethod
     def from_array(cls, array: Floats) -> "Reference":
         """Return the reference of an array from `as_array`, without checks, since a task may draw larger numbers."""
-        reference = object.__new__(cls)
-        for field, values in zip(fields(cls), array.reshape(-1, CHANNELS).tolist(), strict=True):
+        reference = cls()
+        for field, values in zip(fields(cls), array.reshape(-1, CHANNELS).tolist(), strict=False):
             object.__setattr__(reference, field.name, tuple(values))
         return reference
 
     def as_array(self) -> Floats:
-        """Return the fields in order as an array of shape (20,)."""
-        return np.array(astuple(self)).ravel()
+        """Return the fields but `terms` in order as an array of shape (20,)."""
+        return np.ravel((self.offset, self.rate, self.amplitude, self.frequency, self.phase))
 
     @cached_property
     def packed(self) -> Floats:
-        """The packed trajectory, shape (23,)."""
-        return np.concatenate([[0.0, 0.0, 1.0], self.as_array()])
+        """The packed trajectory, shape (k,)."""
+        further = [(*np.zeros((2, CHANNELS)), term.amplitude, term.frequency, term.phase) for term in self.terms]
+        return np.concatenate([[0.0, 0.0, 1.0 + len(further)], self.as_array(), np.ravel(further)])
 
     def sample_times(self) -> Floats:
         """Return times that resolve the sinusoids, s, shape (k,)."""
-        return _sample_times(self.frequency)
+        return _sample_times([self.frequency, *(term.frequency for term in self.terms)])
 
 
 @settings
@@ -294,47 +308,13 @@ class Waypoints(_Packed):
         return np.concatenate([np.linspace(a, b, max(41, int((b - a) / 0.02))) for a, b in pairs])
 
 
-@settings
-class SinusoidTerm:
-    """One term of `Sinusoids`, with one number for each channel or one for all."""
-
-    # amplitude in each channel
-    amplitude: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
-    # angular frequency in each channel
-    frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)  # phase in each channel
+Trajectory = Reference | Waypoints
+KINDS: dict[str, type[Waypoints] | type[Reference]] = {"waypoints": Waypoints, "sinusoids": Reference}
 
 
-@settings
-class Sinusoids(_Packed):
-    """A constant velocity plus any sum of sinusoids, equation (2)."""
-
-    # constant part in each channel (F_x, F_y, z, ψ)
-    offset: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
-    # constant velocity in each channel
-    rate: Annotated[Channels, Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    terms: tuple[SinusoidTerm, ...] = ()
-    kind: Literal["sinusoids"] = "sinusoids"
-
-    def __post_init__(self) -> None:
-        if not self.terms:
-            raise ValueError("terms must be at least one sinusoid")
-
-    @cached_property
-    def packed(self) -> Floats:
-        """The packed trajectory, shape (k,)."""
-        columns = np.zeros((len(self.terms), 5, CHANNELS))
-        columns[0, :2] = self.offset, self.rate
-        columns[:, 2:] = [(item.amplitude, item.frequency, item.phase) for item in self.terms]
-        return np.concatenate([[0.0, 0.0, len(columns)], columns.ravel()])
-
-    def sample_times(self) -> Floats:
-        """Return times that resolve the slowest and the fastest term, s, shape (k,)."""
-        return _sample_times([item.frequency for item in self.terms])
-
-
-Trajectory = Reference | Waypoints | Sinusoids
-KINDS: dict[str, type[Waypoints] | type[Sinusoids]] = {"waypoints": Waypoints, "sinusoids": Sinusoids}
+def is_one_term(trajectory: Any) -> TypeGuard[Reference]:
+    """Return whether a trajectory is a `Reference` of one sinusoid, which its array determines."""
+    return isinstance(trajectory, Reference) and not trajectory.terms
 
 
 def as_trajectory(value: Any, name: str) -> Trajectory:
@@ -342,7 +322,7 @@ def as_trajectory(value: Any, name: str) -> Trajectory:
 
     Error messages call it `name`.
     """
-    if isinstance(value, Waypoints | Sinusoids):
+    if isinstance(value, Waypoints):
         return value
     if not (isinstance(value, Mapping) and "kind" in value):
         return parse(Reference, value, name)
@@ -360,14 +340,15 @@ class TrajectoryTable:
 
     Attributes:
         numbers: Packed trajectories, one after the other, shape (k,).
-        first: Position in `numbers` of the trajectory of each sub-environment, shape (n,); −1: it has a `Reference`.
+        first: Position in `numbers` of the trajectory of each sub-environment, shape (n,); −1: a `Reference` of one
+            term.
     """
 
     def __init__(self, rows: int) -> None:
         self.numbers, self.first = np.zeros(0), np.full(rows, -1, np.int64)
-        self._followed: list[Waypoints | Sinusoids | None] = [None] * rows
+        self._followed: list[Trajectory | None] = [None] * rows
 
-    def assign(self, rows: Integers, trajectories: Sequence[Waypoints | Sinusoids | None]) -> bool:
+    def assign(self, rows: Integers, trajectories: Sequence[Trajectory | None]) -> bool:
         """Set the trajectories of the sub-environments `rows`, shape (m,), and return whether this changed any.
 
         There is one trajectory for all of them or one for each; None for a sub-environment without one.
@@ -395,6 +376,6 @@ class TrajectoryTable:
             _follow(self.numbers, self.first[rows], time, points)
         return points
 
-    def find(self, row: int) -> Waypoints | Sinusoids | None:
+    def find(self, row: int) -> Trajectory | None:
         """Return the trajectory of a sub-environment, or None if it follows none."""
         return self._followed[row]

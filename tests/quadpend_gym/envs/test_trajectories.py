@@ -5,12 +5,12 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_gym import Reference, Sinusoids, StartSettings, Task, Waypoints
+from quadpend_gym import Reference, StartSettings, Task, Waypoints
 from quadpend_gym.tasks.observation import read_observation
 from tests.helpers.envs import draw_actions, make_unwrapped
 
 WAYPOINTS = Waypoints((0, 2, 4, 6), ((0, 0, 2), (1, 0, 2, 0.3), (1, 1, 2.5), (0, 1, 2)))
-CHORD = Sinusoids(
+CHORD = Reference(
     terms=[{"amplitude": (0.5, 0.4, 0.1, 0.2), "frequency": 1.0}, {"amplitude": 0.05, "frequency": (3, 2, 1, 0)}]  # type: ignore[arg-type]
 )
 HOVER = Reference.hover(1.0)

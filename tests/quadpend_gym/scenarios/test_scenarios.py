@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pydantic import TypeAdapter
 
-from quadpend_gym import Drawn, OrnsteinUhlenbeck, Rescaled, Sinusoids, Waypoints
+from quadpend_gym import Drawn, OrnsteinUhlenbeck, Reference, Rescaled, Waypoints
 from quadpend_gym.scenarios import (
     SCENARIOS,
     SETS,
@@ -205,7 +205,7 @@ def test_another_vehicle_has_wind_of_its_weight_and_its_torque_limits() -> None:
 @pytest.mark.parametrize("name", ["square", "lissajous", "ellipse"])
 def test_the_examples_of_the_documentation_are_feasible(name: str, recwarn: pytest.WarningsRecorder) -> None:
     scenario = find_scenario(str(ROOT / f"docs/scenarios/{name}.toml"))
-    assert isinstance(scenario.task.trajectory, Waypoints if name == "square" else Sinusoids)
+    assert isinstance(scenario.task.trajectory, Waypoints if name == "square" else Reference)
     assert not recwarn
     drop = {"kind": "waypoints", "times": [0, 0.5], "points": [[0, 0, 4], [0, 0, 1]]}
     with pytest.raises(ValueError, match="the trajectory cannot be flown"):

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import BPoly
 
-from quadpend_gym import PAPER, Reference, Simulation, Sinusoids, Waypoints
+from quadpend_gym import PAPER, Reference, Simulation, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.feasibility import check_feasible, demand, turning
 from quadpend_gym.tasks.minimum_snap import _COST
@@ -19,7 +19,7 @@ from quadpend_gym.vehicles import VEHICLES, hover_wrench
 
 TOUR = Waypoints((0, 2, 3.5, 6), ((0, 0, 2), (0.5, 0.2, 2.5, 0.4), (1.0, 1.0, 2.0), (0.0, 1.0, 1.8, -0.5)))
 LAP = Waypoints((0, 2, 4, 6, 8), ((1, 0, 2), (0, 1, 2, 0.3), (-1, 0, 2.2), (0, -1, 2), (1, 0, 2)), closed=True)
-CHORD = Sinusoids(
+CHORD = Reference(
     offset=(0.1, -0.2, 2.5, 0.3),
     rate=(0.5, 0.05, -0.1, 0.02),
     terms=(
@@ -99,9 +99,9 @@ def test_a_trajectory_survives_json_and_pickle_and_is_hashable(trajectory: Any) 
     assert hash(copied) == hash(trajectory)
 
 
-def circle(acceleration: float) -> Sinusoids:
+def circle(acceleration: float) -> Reference:
     """Return a circle of 1 m radius with the given horizontal acceleration, m/s²."""
-    return Sinusoids(
+    return Reference(
         terms=[{"amplitude": (1, 1, 0, 0), "frequency": (np.sqrt(acceleration),) * 4, "phase": (np.pi / 2, 0, 0, 0)}]
     )
 
@@ -116,7 +116,7 @@ def test_a_trajectory_beyond_the_thrust_is_refused_with_time_and_number() -> Non
 
 
 def test_torques_body_rates_and_rotors_beyond_their_limits_are_refused() -> None:
-    quick = Sinusoids(terms=[{"amplitude": (2e-5, 0, 0, 0), "frequency": (40.0, 1, 1, 1)}])
+    quick = Reference(terms=[{"amplitude": (2e-5, 0, 0, 0), "frequency": (40.0, 1, 1, 1)}])
     with pytest.raises(
         ValueError, match=r"needs a torque of .* N·m about roll or pitch at .* but the largest is 5 N·m"
     ):
@@ -128,7 +128,7 @@ def test_torques_body_rates_and_rotors_beyond_their_limits_are_refused() -> None
 
 
 def test_hovering_demands_the_weight_no_tilt_and_no_torque_but_that_of_a_pole_beside_the_centre() -> None:
-    still, beside = Sinusoids(terms=[{"amplitude": 0.0}]), replace(VEHICLES["hummingbird"], pivot=(0.01, 0.02, 0.05))
+    still, beside = Reference(terms=[{"amplitude": 0.0}]), replace(VEHICLES["hummingbird"], pivot=(0.01, 0.02, 0.05))
     rate, acceleration, torque = turning(still, Simulation(vehicle=beside), np.array([0.0, 1.0]))
     needed = demand(still, PAPER, np.array([0.0, 1.0]))
     assert_allclose(needed.thrust, PAPER.hover_thrust, rtol=1e-14)

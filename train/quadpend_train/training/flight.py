@@ -37,7 +37,7 @@ from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.tasks.task import Limits
-from quadpend_gym.tasks.trajectories import Reference
+from quadpend_gym.tasks.trajectories import is_one_term
 from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.wind import WIND_SIZE
@@ -209,7 +209,7 @@ def reference_points(scenarios: Sequence[Scenario], reference: Floats, time: Flo
     parts = zip(scenarios, *(np.split(array, len(scenarios)) for array in (points, time)), strict=True)
     for scenario, point, t in parts:
         trajectory = scenario.task.trajectory
-        if not isinstance(trajectory, Reference | None):
+        if trajectory is not None and not is_one_term(trajectory):
             derivatives = trajectory.derivatives(t)
             point[:, :-3], point[:, -3:] = derivatives[:, :, :3].reshape(len(t), -1), derivatives[:, :3, 3]
     return points
