@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.flight_cells import cell_table, errors_of, front_figure, scenario_figure
+from experiments.measures import call_time, delay_budget, recovery
 from experiments.pages import CACHE, DOCS, README, fill, made_by, options, training_seeds
 from quadpend_baselines.gains import tuned
 from quadpend_gym.scenarios import SCENARIOS, find_scenarios
@@ -23,7 +24,6 @@ from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.linear_models import reference
-from quadpend_train.evaluation.measures import call_time, delay_budget, recovery
 from quadpend_train.evaluation.ranking import multiple
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, tables

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import differential_evolution
 
+from experiments.measures import delay_budget
 from experiments.pages import DOCS
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
@@ -32,7 +33,6 @@ from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
 from quadpend_train.evaluation.linear_models import reference
-from quadpend_train.evaluation.measures import delay_budget
 from quadpend_train.evaluation.ranking import multiple, survivors
 
 HOVER = Scenario(

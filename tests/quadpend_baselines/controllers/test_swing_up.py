@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from experiments.measures import settling_times
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.swing_up import tracked_plan
 from quadpend_baselines.gains import tuning
@@ -13,7 +14,6 @@ from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.scenarios import SCENARIOS
 from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.evaluation.measures import settling_times
 
 
 def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> None:

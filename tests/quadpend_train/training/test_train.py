@@ -13,11 +13,11 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from experiments.measures import delay_budget
 from quadpend_gym import RewardWeights
 from quadpend_train.cli.evaluation import evaluate
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import TEST_SEED, TUNING_SEED, VALIDATION_SEED, run_episodes
-from quadpend_train.evaluation.measures import delay_budget
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports import report
 from quadpend_train.search.tuning import SCORE_SEED

@@ -1,4 +1,4 @@
-"""Measures beside those of an episode: settling times and recovery, tolerated delays, and the time of a call."""
+"""Measures of the experiments: settling times and recovery, tolerated delays, and the time of a call."""
 
 import time
 from dataclasses import replace
