@@ -1,6 +1,5 @@
-"""Helpers of the viewer tests: snapshots, an independent projection, and a clock with key presses."""
+"""Helpers of the viewer tests: snapshots and an independent projection."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -83,48 +82,3 @@ def centroid(mask: Booleans) -> Floats:
 def extent(mask: Booleans) -> Floats:
     """Return width and height of the true pixels, shape (2,)."""
     return np.asarray(np.ptp(np.argwhere(mask), axis=0)[::-1])
-
-
-class Clock:
-    """A replacement of the module `time` that advances only in `sleep` and while drawing, and posts events."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-        self.drawing = 0.0  # s, time to draw a picture
-        self.shown: list[float] = []  # times of the pictures
-        self._keys: list[tuple[float, Any]] = []
-
-    def press(self, at: float, *keys: int) -> None:
-        """Press keys at a time, s from now."""
-        self._keys += [(self.now + at, pygame.event.Event(pygame.KEYDOWN, key=key)) for key in keys]
-
-    def post(self, at: float, event: Any) -> None:
-        """Post an event at a time, s from now."""
-        self._keys.append((self.now + at, event))
-
-    def perf_counter(self) -> float:
-        """Return the time, s."""
-        assert self.now < 100.0, "the window waits forever"
-        return self.now
-
-    def sleep(self, seconds: float) -> None:
-        """Advance the time."""
-        self.now += seconds
-
-    def events(self) -> list[Any]:
-        """Return the events since the last call; replaces `pygame.event.get`."""
-        come = [event for time, event in self._keys if time <= self.now]
-        self._keys = [(time, event) for time, event in self._keys if time > self.now]
-        return come
-
-    def flip(self) -> None:
-        """Record the time of a picture; replaces `pygame.display.flip`."""
-        self.now += self.drawing
-        self.shown.append(self.now)
-
-
-def duration(clock: Clock, call: Callable[[], Any]) -> float:
-    """Return how long a call takes by this clock, s."""
-    start = clock.now
-    call()
-    return clock.now - start

@@ -1,6 +1,7 @@
 """Models of any algorithm and torch modules become policies that act like them, or are refused with a reason."""
 
 import json
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -78,12 +79,19 @@ class TenfoldExtractor(FlattenExtractor):
 
 SILU: dict[str, Any] = {"activation_fn": nn.SiLU}
 FEATURES: dict[str, Any] = {"features_extractor_class": TenfoldExtractor}
+SCALES = {"features_extractor_class": MultiScaleInputs, "features_extractor_kwargs": {"scales": (3.0, 20.0)}}
+CONVERTED: list[Any] = [
+    {},
+    *({"activation_fn": kind} for kind in ACTIVATION_MODULES.values()),
+    {"net_arch": []},
+    SCALES,
+]
 
 
 @pytest.mark.parametrize(
     ("kind", "policy"),
-    [*((kind, {}) for kind in OPTIONS), (PPO, SILU), (PPO, FEATURES)],
-    ids=[*(kind.__name__ for kind in OPTIONS), "SiLU", "features"],
+    [*((kind, {}) for kind in OPTIONS), *product((PPO, SAC), CONVERTED[1:]), (PPO, SILU), (PPO, FEATURES)],
+    ids=lambda item: item.__name__ if isinstance(item, type) else None,
 )
 def test_models_of_every_algorithm_fly(kind: Any, policy: Any, tmp_path: Path) -> None:
     """They are converted if possible; otherwise the model itself is run."""
@@ -92,33 +100,8 @@ def test_models_of_every_algorithm_fly(kind: Any, policy: Any, tmp_path: Path) -
     with_their_policies = {DDPG: TD3, A2C: PPO, TRPO: PPO}
     assert type(read_zip(tmp_path / "model.zip")) is with_their_policies.get(kind, kind)
     for loaded in (as_policy(made), load_policy(str(tmp_path / "model.zip"))):
-        assert isinstance(loaded, MlpPolicy) == (not policy and kind is not CrossQ)
+        assert isinstance(loaded, MlpPolicy) == (policy in CONVERTED and kind is not CrossQ)
         assert_acts_like(loaded, acts(made))
-
-
-@pytest.mark.parametrize("activation", ACTIVATION_MODULES)
-def test_every_activation_function_is_exported_and_saved(activation: str, tmp_path: Path) -> None:
-    """The policy stays the same when the model learns."""
-    made = model(PPO, activation_fn=ACTIVATION_MODULES[activation])
-    policy, expected = export(made, note="x"), acts(made)
-    assert (policy.card["activation"], policy.card["note"]) == (activation, "x")
-    policy.save(tmp_path / "policy.npz")
-    with torch.no_grad():
-        for parameter in made.policy.parameters():
-            parameter += 1.0
-    assert_acts_like(policy, expected)
-    assert_acts_like(MlpPolicy.load(tmp_path / "policy.npz"), expected)
-
-
-@pytest.mark.parametrize("kind", [PPO, SAC])
-def test_networks_of_any_depth_and_input_scales_are_exported(kind: Any) -> None:
-    for depth in ([], [9, 7, 5]):
-        policy = export(model(kind, net_arch=depth))
-        assert [weights.shape[1] for weights, _ in policy.layers] == [*depth, 4]
-    scales = {"features_extractor_class": MultiScaleInputs, "features_extractor_kwargs": {"scales": (3.0, 20.0)}}
-    policy = export(made := model(kind, gain=20.0, **scales))
-    assert policy.input_scales == (3.0, 20.0)
-    assert_acts_like(policy, acts(made))
 
 
 @pytest.mark.parametrize("sde", [False, True], ids=["", "gSDE"])
