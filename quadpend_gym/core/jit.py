@@ -30,7 +30,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import config, njit, version_info
-from numba.core import event
+from numba.core import event, types
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
@@ -176,6 +176,11 @@ def inlined(function: Function) -> Function:
     if config.DISABLE_JIT or not _IS_KNOWN:  # type: ignore[attr-defined]
         return cast(Function, njit(forceinline=True, error_model="numpy")(function))
     dispatcher: Any = njit(forceinline=True, error_model="numpy", pipeline_class=_InlinedCompiler)(function)
+    # Numba would compile a function once for each literal number among the arguments, such as the fields of a buffer.
+    resolve = dispatcher.get_call_template
+    dispatcher.get_call_template = lambda args, kws: resolve(
+        [types.unliteral(kind) for kind in args], {name: types.unliteral(kind) for name, kind in kws.items()}
+    )
     # A call from Python finds no machine code, and numba then calls what `_compile_for_args` returns.
     dispatcher.add_overload = lambda made: dispatcher.overloads.update({tuple(made.signature.args): made})
     dispatcher._compile_for_args = lambda *_, **__: np.errstate(all="ignore")(function)  # as machine code
