@@ -27,6 +27,8 @@ from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.nested import changed
 from quadpend_gym.core.settings import Parsed, Range, parse, settings, suggest
 from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenarios, refuse_held_out, scenario_data
+from quadpend_gym.tasks.task import TASKS
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import arguments as sb3
 
@@ -138,16 +140,20 @@ def training_scenarios(given: Any) -> tuple[Scenario, ...]:
 def scenario_text(scenario: Scenario) -> str:
     """Return the text from which `find_scenario` makes a scenario again."""
     data = _data(scenario)
-    return data if isinstance(data, str) else json.dumps(data)
+    return data if isinstance(data, str) else json.dumps(data, ensure_ascii=False)
 
 
 def _data(scenario: Scenario) -> Any:
-    """Return a scenario as in a settings file: the name of one of this package, or its fields but for the defaults."""
+    """Return a scenario as in a settings file: its name, or the fields that are not the default ones."""
     if scenario == SCENARIOS.get(scenario.name):
         return scenario.name
     to_plain_data(scenario, _refuse)
     default = scenario_data(Scenario())
-    return {name: value for name, value in scenario_data(scenario).items() if value != default[name]}
+    data = {name: value for name, value in scenario_data(scenario).items() if value != default[name]}
+    presets: dict[str, Mapping[str, Any]] = {"vehicle": VEHICLES, "task": TASKS}
+    for part in presets.keys() & data.keys():
+        data[part] = next((n for n, item in presets[part].items() if item == getattr(scenario, part)), data[part])
+    return data
 
 
 def _refuse(model: Any) -> Any:
