@@ -64,17 +64,14 @@ from quadpend_baselines.estimation.estimate import (
     store_attitude,
 )
 from quadpend_baselines.estimation.estimate import DISTURBANCE as FORCES
-from quadpend_baselines.estimation.kalman import observed_rows
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.measurement import measure
+from quadpend_baselines.estimation.measurement import measure, observed_rows
 from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, design_observers, update_observers
 from quadpend_baselines.estimation.prediction import (
     ACTED,
-    BUFFER_SIZE,
     LoopNumbers,
     Prediction,
     advance,
-    load_action,
     unpack_loop,
 )
 from quadpend_baselines.gains import ObserverGains
@@ -329,20 +326,26 @@ def correct(
 
 
 @compiled
-def _observe(last: Any, seen: Any, bank: Floats, packed_bank: Any, packed: Any, packed_rigid: Any, out: Floats) -> None:
-    (before, action, started), loop, memory, buffer = last, unpack_loop(packed), out.T, np.empty((BUFFER_SIZE, 1))
-    (observation, has_rates), numbers, model = seen, unpack_bank(packed_bank), loop.plant.pendulum
-    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+def _observe(
+    before: Floats,
+    started: Booleans,
+    seen: Any,
+    bank: Floats,
+    packed_bank: Any,
+    packed: Any,
+    packed_rigid: Any,
+    out: Floats,
+) -> None:
+    """Begin or correct estimates in place that were advanced by a period."""
+    (observation, has_rates), numbers, plant, memory = seen, unpack_bank(packed_bank), unpack_loop(packed).plant, out.T
+    model, rigid = plant.pendulum, None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
         measured, wanted = measure(observation.T, row, has_rates, model.vehicle.rod_length)
         if started[row]:
             begin(memory, row, measured, has_rates, wanted, numbers.mismatch, model, rigid)
-            continue
-        for i in range(out.shape[1]):  # accelerations of the nominal model are those without disturbance and reference
-            out[row, i] = 0.0 if FORCES <= i < MASS_RATIO else before[row, i]
-        advance_known(memory, row, load_action(action, row), 0, loop, rigid, buffer)
-        delay = loop.plant.sensor_delay
-        correct(memory, row, before.T, measured, has_rates, wanted, bank, numbers, delay, model, rigid)
+        else:
+            delay = plant.sensor_delay
+            correct(memory, row, before.T, measured, has_rates, wanted, bank, numbers, delay, model, rigid)
 
 
 @inlined
@@ -423,6 +426,11 @@ class DesoBank:
         started: Booleans | None = None,
     ) -> Estimate:
         """Return the estimates after an observation; see `kalman.Estimator.observe`."""
-        last, seen, out = observed_rows(observation, self.loop, before, action, started, self.size)
-        _observe(last, seen, *self.numbers, out)
+        started, seen = observed_rows(observation, self.loop, before, started)
+        last = np.empty((len(observation), self.size)) if before is None else before.array
+        out = last.copy()
+        if before is not None and action is not None:
+            out[:, FORCES:MASS_RATIO] = 0.0  # the accelerations of the nominal model: no disturbance and reference
+            out[:, -COMMAND_SIZE:] = self.prediction.advance(out, action)
+        _observe(last, started, seen, *self.numbers, out)
         return Estimate(out)

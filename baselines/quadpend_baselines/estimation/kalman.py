@@ -47,8 +47,8 @@ from quadpend_baselines.estimation.estimate import (
     store_attitude,
 )
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.measurement import measure
-from quadpend_baselines.estimation.prediction import BUFFER_SIZE, Prediction, advance, load_action, unpack_loop
+from quadpend_baselines.estimation.measurement import measure, observed_rows
+from quadpend_baselines.estimation.prediction import BUFFER_SIZE, Prediction, unpack_loop
 from quadpend_baselines.gains import EstimatorGains
 from quadpend_baselines.modelling import linear_model
 from quadpend_baselines.modelling.equivalent import Pendulum, follow
@@ -77,7 +77,7 @@ from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
-from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
+from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.physics.vectors import Vec3, load, store_four
 
 _VARYING_STEPS = 100  # corrections after which the gain is constant
@@ -186,20 +186,20 @@ def _bounded(value: float) -> float:
 
 @compiled
 def _observe(
-    last: Any, seen: Any, table: Floats, mass_share: float, packed: Any, packed_rigid: Any, out: Floats
+    started: Booleans, seen: Any, table: Floats, mass_share: float, packed: Any, packed_rigid: Any, out: Floats
 ) -> None:
-    (before, action, started), loop, memory, buffer = last, unpack_loop(packed), out.T, np.empty((BUFFER_SIZE, 1))
+    """Begin or correct estimates in place that were advanced by a period."""
+    loop, memory, buffer = unpack_loop(packed), out.T, np.empty((BUFFER_SIZE, 1))
     observation, has_rates = seen
     rigid, model = None if packed_rigid is None else unpack_rigid(packed_rigid), loop.plant.pendulum
     for row in range(out.shape[0]):
         measured, wanted = measure(observation.T, row, has_rates, model.vehicle.rod_length)
-        for i in range(out.shape[1]):  # a copy of slices would compile for two seconds
-            out[row, i] = 0.0 if started[row] else before[row, i]
         if started[row]:
+            for i in range(out.shape[1]):
+                out[row, i] = 0.0
             begin(memory, row, measured, has_rates, wanted, model, rigid)
         else:
-            gain = table[min(int(before[row, AGE]), table.shape[0] - 1)]
-            advance(memory, row, load_action(action, row), 0, loop, rigid, buffer)
+            gain = table[min(int(out[row, AGE]) - 1, table.shape[0] - 1)]
             correct(memory, row, measured, has_rates, wanted, gain, mass_share, model.vehicle, rigid, buffer)
             is_valid = is_bounded(memory, row, STATE_SIZE, MAX_ESTIMATE)
             # A delayed sensor repeats its first sample.
@@ -210,23 +210,6 @@ def _observe(
             store_vectors(memory, STATE, row, measured)
             if rigid is not None:
                 store_attitude(memory, RIGID_PART, row, measured)
-
-
-def observed_rows(
-    observation: Floats32,
-    loop: Loop,
-    before: Estimate | None,
-    action: Floats32 | None,
-    started: Booleans | None,
-    size: int,
-) -> tuple[Any, tuple[Floats, bool], Floats]:
-    """Return the inputs of a compiled `_observe`, and its output, shape (n, size), for those of `Estimator.observe`."""
-    loop.observation.check(observation)
-    rows, seen = len(observation), (np.ascontiguousarray(observation, np.float64), loop.has_rates)
-    out = np.empty((rows, size))
-    if before is None or action is None:
-        return (out, np.empty((rows, ACTION_SIZE), np.float32), np.ones(rows, np.bool_)), seen, out
-    return (before.array, action, np.zeros(rows, np.bool_) if started is None else started), seen, out
 
 
 @dataclass(frozen=True)
@@ -286,8 +269,11 @@ class Estimator:
             action: The actions since then, shape (n, 4).
             started: The rows whose episode begins with this observation, shape (n,); None: none of them.
         """
-        last, seen, out = observed_rows(observation, self.loop, before, action, started, self.size)
-        _observe(last, seen, self.tables[seen[1]], *self.numbers, out)
+        started, seen = observed_rows(observation, self.loop, before, started)
+        out = np.empty((len(observation), self.size)) if before is None else before.array.copy()
+        if before is not None and action is not None:
+            self.prediction.advance(out, action)
+        _observe(started, seen, self.tables[self.loop.has_rates], *self.numbers, out)
         return Estimate(out)
 
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines.estimation.estimate import LOOP, REFERENCE, STATE, YAW, Estimate
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, load_state, store_vectors
-from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.tasks.observation import (
@@ -108,3 +109,16 @@ def observation_of(estimate: Estimate, rod_length: float) -> Floats32:
     out = np.empty((len(estimate.array), OBSERVATION_SIZE), np.float32)
     _observation_rows(estimate.array, rod_length, out)
     return out
+
+
+def observed_rows(
+    observation: Floats32, loop: Loop, before: Estimate | None, started: Booleans | None
+) -> tuple[Booleans, tuple[Floats, bool]]:
+    """Return which episodes begin, shape (n,), and the observation with whether it has rates, for compiled functions.
+
+    The arguments are those of `kalman.Estimator.observe`.
+    """
+    loop.observation.check(observation)
+    if started is None:
+        started = np.full(len(observation), before is None)
+    return started, (np.ascontiguousarray(observation, np.float64), loop.has_rates)

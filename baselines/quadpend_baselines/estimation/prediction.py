@@ -41,7 +41,7 @@ from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, POSITION, STATE_SIZE, VELOCITY
-from quadpend_gym.physics.vectors import Four, Vec3, load, store, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, load, load_four, store, store_four
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS
 
 # Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, the action before and
@@ -147,17 +147,10 @@ def advance(
 
 
 @inlined
-def carry_forward(
-    memory: Any, lane: int, action: Four, loop: LoopNumbers, rigid: RigidSettings | None, buffer: Any
-) -> None:
-    """Advance an estimate in place to the time when the next action acts.
-
-    The latest action that the controller has chosen is taken to continue while a lag of the actuators is predicted
-    through.
-    """
+def arrive(memory: Any, lane: int, loop: LoopNumbers) -> None:
+    """Finish an estimate in place that was advanced by all parts but the first, to when the next action acts."""
     time, yaw = 0.0, load(memory, YAW, lane)
     for k in range(1, loop.parts.shape[0]):
-        advance(memory, lane, action, k, loop, rigid, buffer)
         time += loop.parts[k, 0]
     store_vectors(memory, STATE, lane, project_direction(load_state(memory, STATE, lane)))
     store(memory, YAW, lane, Vec3(yaw.x + time * (yaw.y + time / 2.0 * yaw.z), yaw.y + time * yaw.z, yaw.z))
@@ -171,11 +164,23 @@ def load_action(action: Any, row: int) -> Four:
 
 
 @compiled
-def _carry(estimate: Floats, action: Floats32, packed: Any, packed_rigid: Floats | None) -> None:
+def _advance(
+    estimate: Floats, action: Floats32, first: int, end: int, packed: Any, packed_rigid: Floats | None, acted: Floats
+) -> None:
+    """Advance estimates over parts of the loop; `acted` gets thrust (N) and torques (N·m) of the last one."""
     loop, buffer = unpack_loop(packed), np.empty((BUFFER_SIZE, 1))
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(estimate.shape[0]):
-        carry_forward(estimate.T, row, load_action(action, row), loop, rigid, buffer)
+        for k in range(first, end):
+            advance(estimate.T, row, load_action(action, row), k, loop, rigid, buffer)
+        store_four(acted.T, 0, row, load_four(buffer, ACTED, 0))
+
+
+@compiled
+def _arrive(estimate: Floats, packed: Any) -> None:
+    loop = unpack_loop(packed)
+    for row in range(estimate.shape[0]):
+        arrive(estimate.T, row, loop)
 
 
 @compiled
@@ -249,10 +254,24 @@ class Prediction:
     def carry_forward(self, estimate: Estimate, action: Floats32) -> Estimate:
         """Return the estimate at the time when the next action acts.
 
-        `action` is the latest one that the controller has chosen, shape (n, 4).
+        The latest action that the controller has chosen, shape (n, 4), is taken to continue while a lag of the
+        actuators is predicted through.
         """
         if len(self.parts) == 1:
             return estimate
         then = Estimate(estimate.array.copy())
-        _carry(then.array, action, *self.numbers)
+        self._advance(then.array, action, 1, len(self.parts))
+        _arrive(then.array, self.numbers[0])
         return then
+
+    def advance(self, estimate: Floats, action: Floats32) -> Floats:
+        """Advance estimates, shape (n, k), in place by a control period; return thrust (N) and torques (N·m), (n, 4).
+
+        These are means over the period.
+        """
+        return self._advance(estimate, action, 0, 1)
+
+    def _advance(self, estimate: Floats, action: Floats32, first: int, end: int) -> Floats:
+        acted = np.empty((len(estimate), ACTION_SIZE))
+        _advance(estimate, action, first, end, *self.numbers, acted)
+        return acted

@@ -143,9 +143,9 @@ def _parts(prediction: Any, size: int, advances: Any = predicting.advance) -> tu
 
 
 def _arrive(memory: Any, loop: Any) -> None:
-    """Finish `carry_forward` after the estimate was advanced by all parts."""
+    """Finish an estimate that was advanced by all parts."""
     if loop.parts.shape[0] > 1:
-        lift(predicting.carry_forward, {predicting.advance: lambda *_: None})(memory, 0, None, loop, None, None)
+        lift(predicting.arrive)(memory, 0, loop)
 
 
 def _observer(base: OutputFeedback) -> Program:

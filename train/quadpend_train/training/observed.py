@@ -31,7 +31,7 @@ from quadpend_baselines.estimation.estimate import (
 )
 from quadpend_baselines.estimation.kalman import Estimator, correct
 from quadpend_baselines.estimation.measurement import measure
-from quadpend_baselines.estimation.prediction import BUFFER_SIZE, advance, carry_forward, unpack_loop
+from quadpend_baselines.estimation.prediction import BUFFER_SIZE, advance, arrive, unpack_loop
 from quadpend_baselines.hybrid.hybrids import MemoryOnly
 from quadpend_baselines.hybrid.innovations import FILTERED_SIZE
 from quadpend_baselines.hybrid.memory import REMEMBERED_SIZE
@@ -172,7 +172,9 @@ def _estimated(observer: Observer, observed: Any, point: Any, action: Any) -> tu
     disturbance[FORCE + 2] -= (memory[MASS_RATIO, 0] - 1.0) * estimator.simulation.parameters.hover_thrust
     later = memory.copy()
     if len(loop.parts) > 1:
-        lift(carry_forward)(later, 0, chosen, loop, rigid, buffer)
+        for k in range(1, len(loop.parts)):
+            lift(advance)(later, 0, chosen, k, loop, rigid, buffer)
+        lift(arrive)(later, 0, loop)
     if observer.law is not None:
         seen = [deviations_of(observer.law, later, bool(estimator.gains.mass_time))]
     else:
