@@ -3,6 +3,7 @@
 python -m experiments.paper
 """
 
+import argparse
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -91,6 +92,7 @@ def _trajectory_figure(trajectory: Trajectory) -> Any:
 
 def main() -> None:
     """Simulate, and write the figures and the figures of merit."""
+    argparse.ArgumentParser(prog="python -m experiments.paper", description=__doc__).parse_args()
     results, folder = run(), Path("results/paper")
     folder.mkdir(parents=True, exist_ok=True)
     draw(results, folder)

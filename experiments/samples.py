@@ -8,6 +8,7 @@ values of the episode. An episode is left out if its survival changes, and its v
 would exceed `LARGEST`.
 """
 
+import argparse
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,7 @@ def sample(policy: str, scenario: str) -> pd.DataFrame:
 
 def main() -> None:
     """Fly, and write both files."""
+    argparse.ArgumentParser(prog="python -m experiments.samples", description=__doc__).parse_args()
     for page, (policies, scenarios) in PAGES.items():
         table = pd.concat(sample(p, s) for s in find_scenarios([scenarios]) for p in policies)
         write_text(DOCS / page / "sample.csv", table.to_csv(index=False, lineterminator="\n"))

@@ -53,6 +53,7 @@ def test_the_script_writes_all_figures_and_the_figures_of_merit(
     (tmp_path / "paper").mkdir()
     monkeypatch.setattr(paper, "DOCS", tmp_path)
     monkeypatch.setattr(paper, "run", lambda: dict.fromkeys(("continuous", "1 kHz", "100 Hz"), at_100_hz))
+    monkeypatch.setattr("sys.argv", ["paper"])
     paper.main()
     assert {path.stem for path in (tmp_path / "results/paper").iterdir()} == {*paper.FIGURES, "figure_10"}
     assert json.loads((tmp_path / "paper/merit.json").read_text())["100 Hz"]["rmse_in_gusts"]["z"] < 1e-3
