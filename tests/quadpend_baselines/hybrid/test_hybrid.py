@@ -20,7 +20,7 @@ from quadpend_gym import Constant, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay
 from quadpend_gym.tasks.observation import as_layout
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.controllers import HybridPolicy, constant, run_policy, zero_action
+from tests.helpers.controllers import HybridPolicy, constant, run_policy
 from tests.helpers.envs import assert_same, make_vec
 from tests.helpers.wrappers import SHORT
 
@@ -107,20 +107,6 @@ def test_observer_receives_the_applied_action(name: str) -> None:
         action, memory = hybrid_policy.predict(observation, memory)
         observation, *_, info = env.step(action)
     assert_allclose(policy.estimated_disturbance(memory.controller), info["disturbance"], atol=0.005)
-
-
-def test_rows_that_begin_an_episode_start_fresh_and_the_others_continue() -> None:
-    hybrid = ResidualAction("flatness", 1.0)
-    observation, _ = make_vec(4, wind="windy").reset(seed=0)
-    _, memory = hybrid.act(zero_action(observation), hybrid.observe(observation, None, np.ones(4, np.bool_))[1])
-    later, _ = make_vec(4).reset(seed=9)
-    started = np.array([False, True, False, True])
-    seen, _ = hybrid.observe(later, memory, started)
-    fresh, _ = hybrid.observe(later, None, started)
-    continued, _ = hybrid.observe(later, memory, np.zeros(4, np.bool_))
-    assert_array_equal(seen[started], fresh[started])
-    assert_array_equal(seen[~started], continued[~started])
-    assert (fresh != continued).any(axis=1).all()
 
 
 EXAMPLES = [

@@ -86,18 +86,6 @@ def test_a_policy_that_repeats_its_actions_is_refused() -> None:
     assert_refused(lambda: mlp_policy(36, action_repeat=3), "repeat their actions fly in version 0.3 only", ValueError)
 
 
-def test_rows_that_begin_an_episode_forget_the_previous_one() -> None:
-    policy = mlp_policy(45, hybrid=ESTIMATE_ONLY, activation="tanh")
-    memory = None
-    for _ in range(4):
-        before, memory = policy.predict(OBSERVATIONS, memory)
-    started = np.arange(7) % 2 == 0
-    action, _ = policy.predict(OBSERVATIONS, memory, started)
-    assert_array_equal(action[started], policy.predict(OBSERVATIONS)[0][started])
-    assert_array_equal(action[~started], policy.predict(OBSERVATIONS, memory)[0][~started])
-    assert (policy.predict(OBSERVATIONS)[0] != before).any(axis=1).all()
-
-
 def test_running_a_policy_imports_nothing_heavy(tmp_path: Path) -> None:
     mlp_policy(49, hybrid=RESIDUAL_ACTION).save(tmp_path / "policy.npz")
     code = (
