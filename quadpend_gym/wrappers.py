@@ -118,7 +118,7 @@ class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         RecordConstructorArgs.__init__(self, observations=observations, actions=actions)
         gym.Wrapper.__init__(self, env)
         self._histories = _Histories(1, observations, actions, env.observation_space, env.action_space)
-        self.observation_space = observation_space(self._histories.size)
+        self.observation_space = observation_space(self._histories.size, history=(observations, actions))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -143,7 +143,7 @@ class VectorHistoryWrapper(VectorWrapper):
         spaces_of_one = env.single_observation_space, env.single_action_space
         self._histories = _Histories(self.num_envs, observations, actions, *spaces_of_one)
         self._ended = np.zeros(self.num_envs, np.bool_)
-        self.single_observation_space = observation_space(self._histories.size)
+        self.single_observation_space = observation_space(self._histories.size, history=(observations, actions))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:

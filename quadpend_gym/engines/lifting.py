@@ -59,7 +59,11 @@ _LIFTED = dict(_FUNCTIONS)  # and what `lift` has made without other functions
 
 
 class Rows(np.ndarray):
-    """An array of expressions whose comparisons are expressions too."""
+    """An array of expressions whose comparisons are expressions too; they have no precision."""
+
+    def astype(self, *_: Any, **__: Any) -> Any:
+        """Return the expressions as they are."""
+        return self
 
     def __lt__(self, other: Any) -> Any:
         return np.less(self, other, dtype=object)

@@ -223,6 +223,18 @@ class ADRC(Controller):
         """Return actions and memory; see `Controller.act`."""
         return self.inner.act(observation, state, episode_start)
 
+    def update(self, observation: Floats32, state: Any, episode_start: Any) -> OutputFeedbackMemory:
+        """Update the estimates with new observations; see `OutputFeedback.update`."""
+        return self.inner.update(observation, state, episode_start)
+
+    def control(self, estimation: OutputFeedbackMemory) -> tuple[Floats32, OutputFeedbackMemory]:
+        """Return the actions of n rows, shape (n, 4), and the memory."""
+        return self.inner.control(estimation)
+
+    def estimates(self, memory: OutputFeedbackMemory) -> tuple[Floats, Floats]:
+        """Return the estimate now, and at the time when the next action acts, shapes (n, k)."""
+        return self.inner.estimates(memory)
+
     def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
         return self.inner.with_applied_action(memory, action)

@@ -7,13 +7,14 @@ import numpy as np
 
 from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.law import Law
-from quadpend_baselines.estimation.estimate import Estimate
+from quadpend_baselines.estimation.estimate import Estimate, disturbance_of, nominal
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.measurement import observation_of
-from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
+from quadpend_baselines.estimation.prediction import Prediction, compensated
+from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.physics.state import ACTION_SIZE, FORCE, THRUST, TORQUE
+from quadpend_gym.physics.plants import plant_of
+from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 
 
 class OutputFeedbackMemory(NamedTuple):
@@ -22,6 +23,24 @@ class OutputFeedbackMemory(NamedTuple):
     estimate: Estimate  # the estimate after the latest measurement
     law_memory: Any  # the memory of the control law
     action: Floats32  # the latest action, shape (n, 4); zeros at the start of an episode
+
+
+def command_of(law: Law, estimate: Estimate, memory: Any) -> tuple[Floats, Any]:
+    """Return what `Law.command` does."""
+    return law.command(estimate, memory)
+
+
+def actions_of(law: Law, prediction: Prediction, estimate: Estimate, memory: Any) -> tuple[Floats32, Any]:
+    """Return the actions of a law, shape (n, 4), and its memory, for the estimate at the time when the actions act."""
+    command, after = command_of(law, nominal(estimate), memory)
+    mass_ratio = estimate.mass_ratio[:, 0]
+    if law.commands_actions:
+        command[:, THRUST] = mass_ratio * (1.0 + command[:, THRUST]) - 1.0
+        wanted = np.clip(command, -1.0, 1.0).astype(np.float32)
+    else:
+        command[:, THRUST] *= mass_ratio
+        wanted = plant_of(prediction.simulation).actions_for(command, estimate.rigid)
+    return compensated(prediction, wanted, estimate.array), after
 
 
 class OutputFeedback(Controller):
@@ -70,50 +89,18 @@ class OutputFeedback(Controller):
 
     def control(self, estimation: OutputFeedbackMemory) -> tuple[Floats32, OutputFeedbackMemory]:
         """Return the actions of n rows, shape (n, 4), and the memory."""
-        prediction = self.estimator.prediction
-        estimate = prediction.carry_forward(estimation.estimate, estimation.action)
-        nominal = self._nominal(estimate)
-        command, law_memory = self._law.command(nominal, estimation.law_memory)
-        mass_ratio = estimate.mass_ratio[:, 0]
-        if self._law.commands_actions:
-            command[:, THRUST] = mass_ratio * (1.0 + command[:, THRUST]) - 1.0
-            wanted = np.clip(command, -1.0, 1.0).astype(np.float32)
-        else:
-            command[:, THRUST] *= mass_ratio
-            wanted = to_action(command, self.simulation, estimate.rigid)
-        action = prediction.compensate(wanted, estimate.array)
+        later = self.estimator.prediction.carry_forward(estimation.estimate, estimation.action)
+        action, law_memory = actions_of(self._law, self.estimator.prediction, later, estimation.law_memory)
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
 
-    def _nominal(self, estimate: Estimate) -> Estimate:
-        """Return the estimate with the forces under which the nominal vehicle moves alike.
-
-        A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
-        """
-        nominal = Estimate(estimate.array.copy())
-        nominal.disturbance[:, :TORQUE] /= estimate.mass_ratio
-        return nominal
-
     def estimated_disturbance(self, memory: OutputFeedbackMemory) -> Floats:
-        """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
+        """Return the estimated disturbance, N and N·m, shape (n, 9), see `estimate.disturbance_of`."""
+        return disturbance_of(memory.estimate.array, self.simulation.parameters.hover_thrust)
 
-        The vertical force includes the weight of the estimated deviation from the nominal mass.
-        """
-        disturbance = memory.estimate.disturbance.copy()
-        disturbance[:, FORCE + 2] -= (memory.estimate.mass_ratio[:, 0] - 1.0) * self.simulation.parameters.hover_thrust
-        return disturbance
-
-    def estimated_observation(self, memory: OutputFeedbackMemory) -> Floats32:
-        """Return the observation of the estimated state, shape (n, 36)."""
-        return observation_of(memory.estimate, self.simulation.parameters.rod_length)
-
-    def predicted_observation(self, memory: OutputFeedbackMemory) -> Floats32:
-        """Return the observation of the state at the time when the next action acts, shape (n, 36)."""
+    def estimates(self, memory: OutputFeedbackMemory) -> tuple[Floats, Floats]:
+        """Return the estimate now, and at the time when the next action acts, shapes (n, k)."""
         later = self.estimator.prediction.carry_forward(memory.estimate, memory.action)
-        return observation_of(later, self.simulation.parameters.rod_length)
-
-    def predicted_estimate(self, memory: OutputFeedbackMemory) -> Estimate:
-        """Return the estimate at the time when the next action acts, with the forces on the nominal vehicle."""
-        return self._nominal(self.estimator.prediction.carry_forward(memory.estimate, memory.action))
+        return memory.estimate.array, later.array
 
     def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""

@@ -32,6 +32,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.attitude import body_rate, quaternion_from_euler
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION
+from quadpend_gym.physics.state import FORCE, TORQUE
 from quadpend_gym.physics.vectors import Vec3, store, store_four
 
 ORDERS = 5  # derivatives of the reference, of order 2 … 6
@@ -72,6 +73,26 @@ class Estimate(_Rows):
     def reference(self) -> Floats:
         """Return the reference, shape (n, 5, 3)."""
         return self.array[:, REFERENCE:YAW].reshape(-1, ORDERS, 3)
+
+
+def disturbance_of(estimate: Floats, weight: float) -> Floats:
+    """Return the estimated disturbance of n rows in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
+
+    The vertical force includes the weight of the estimated deviation from the nominal mass; `weight` is nominal, N.
+    """
+    out: Floats = estimate[:, DISTURBANCE:REFERENCE].copy()
+    out[:, FORCE + 2] -= (estimate[:, MASS_RATIO] - 1.0) * weight
+    return out
+
+
+def nominal(estimate: Estimate) -> Estimate:
+    """Return the estimate with the forces under which the nominal vehicle moves alike.
+
+    A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
+    """
+    out = Estimate(estimate.array.copy())
+    out.disturbance[:, :TORQUE] /= estimate.mass_ratio
+    return out
 
 
 @inlined

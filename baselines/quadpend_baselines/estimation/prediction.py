@@ -240,17 +240,6 @@ class Prediction:
         schedule = Schedule(None, replace(self.simulation, latency=rest), 1)
         return (self.parts, schedule.loops, self.actuators, pack(plant)), model.packed_rigid
 
-    def compensate(self, wanted: Floats32, estimate: Floats) -> Floats32:
-        """Return the actions that compensate the lags of the loop, shape (n, 4), see `loop.compensate`.
-
-        The estimate, shape (n, k), is that of the time when the action acts.
-        """
-        if not self.actuators[0, :, 3].any():
-            return wanted
-        out = wanted.astype(np.float64)
-        _compensate(out, self.loop.steps, self.actuators[0], estimate)
-        return out.astype(np.float32)
-
     def carry_forward(self, estimate: Estimate, action: Floats32) -> Estimate:
         """Return the estimate at the time when the next action acts.
 
@@ -275,3 +264,16 @@ class Prediction:
         acted = np.empty((len(estimate), ACTION_SIZE))
         _advance(estimate, action, first, end, *self.numbers, acted)
         return acted
+
+
+def compensated(prediction: Prediction, wanted: Any, estimate: Any) -> Any:
+    """Return the actions that compensate the lags of the loop, shape (n, 4), see `loop.compensate`.
+
+    The estimate, shape (n, k), is that of the time when the wanted actions act.
+    """
+    actuators = prediction.actuators[0]
+    if not actuators[:, 3].any():
+        return wanted
+    out = wanted.astype(np.float64)
+    _compensate(out, prediction.loop.steps, actuators, estimate)
+    return out.astype(np.float32)

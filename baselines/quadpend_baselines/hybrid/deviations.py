@@ -18,11 +18,13 @@ and the thrust in a_d is μ (1 + a_d) − 1. A vehicle without rotors has zeros 
 """
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from quadpend_baselines.controllers.lqg import Lqg, evaluate
-from quadpend_baselines.estimation.estimate import MASS_RATIO, Estimate, law_inputs
+from quadpend_baselines.estimation.estimate import MASS_RATIO, Estimate, law_inputs, nominal
+from quadpend_baselines.hybrid.parts import InputPart, Seen
 from quadpend_baselines.modelling.linear_model import (
     MODEL_BOB_FORCE,
     MODEL_DISTURBANCE_SIZE,
@@ -82,9 +84,14 @@ def deviation_scales(weight: float) -> Floats:
     return np.concatenate([action, _STATE_SCALE, thrusts, wind, reference])
 
 
-def deviation_inputs(law: Lqg, estimate: Estimate) -> Floats:
-    """Return the inputs, shape (n, 36), for the estimate at the time when the next action acts."""
+def _deviations(law: Lqg, seen: Seen, memory: Any) -> tuple[Floats, Any]:
+    estimate = nominal(Estimate(seen.later))
     _, following, z, _ = evaluate(law, estimate)
     parameters, out = law.simulation.parameters, np.empty((len(z), DEVIATION_SIZE))
     _inputs(estimate.array, following, z, deviation_scales(parameters.hover_thrust), parameters.rod_length, out)
-    return out
+    return out, memory
+
+
+def deviation_part(law: Lqg) -> InputPart:
+    """Return the deviation of the estimate at the time when the next action acts."""
+    return InputPart(DEVIATION_SIZE, 0, _deviations, law)

@@ -8,6 +8,7 @@ a ∈ [−1, 1]⁴ in different ways, with the action scale κ:
 |------------------|--------------------------------------------------------------------------------------------------|
 | `EstimateOnly`   | (1)  a                                                                                           |
 | `MemoryOnly`     | (1)  a; the base controller does not fly: it is the teacher                                      |
+| `HistoryOnly`    | (1)  a; there is no base controller                                                              |
 | `ResidualAction` | (2)  clip(a_base + κ a, −1, 1)                                                                   |
 
 The policy's observation contains, in this order,
@@ -21,14 +22,16 @@ The policy's observation contains, in this order,
 | filtered innovations, see `innovations`; with ``EstimateOnly(innovations=True)`` only   | 32       | its own    |
 
 With ``EstimateOnly(deviations=True)`` the inputs of `deviations` take the place of the first two parts. `MemoryOnly`
-has the inputs of `memory` alone.
+has the inputs of `memory` alone, `HistoryOnly` those of `history`.
 
 `ResidualAction` multiplies the part of the observation that depends on the state, and the base controller's action, by
 ten, because the base controller keeps these values small.
 """
 
+from abc import abstractmethod
 from collections.abc import Mapping
-from copy import copy
+from dataclasses import field, replace
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -37,33 +40,29 @@ from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.lqg import Lqg
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid.deviations import DEVIATION_SIZE, deviation_inputs
-from quadpend_baselines.hybrid.innovations import (
-    FILTERED_SIZE,
-    INNOVATIONS_SIZE,
-    TIMES,
-    filter_shares,
-    innovation_inputs,
-    last_filtered,
+from quadpend_baselines.hybrid.deviations import deviation_part
+from quadpend_baselines.hybrid.history import history_part
+from quadpend_baselines.hybrid.innovations import innovations_part
+from quadpend_baselines.hybrid.memory import memory_part
+from quadpend_baselines.hybrid.parts import (
+    InputPart,
+    Seen,
+    Vehicle,
+    estimated_part,
+    measured_part,
+    measured_residual_part,
+    read_inputs,
+    residual_part,
 )
-from quadpend_baselines.hybrid.memory import MEMORY_SIZE, memory_inputs, memory_numbers
-from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
+from quadpend_baselines.hybrid.situation import situation_part
+from quadpend_baselines.policy.protocol import Policy
 from quadpend_baselines.registry import controller
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
-from quadpend_gym.tasks.observation import (
-    FULL,
-    OBSERVATION_SIZE,
-    OUTPUT_FEEDBACK,
-    REFERENCE_START,
-    ObservationLayout,
-)
-from quadpend_gym.vehicles import CONTROL_PERIOD
+from quadpend_gym.physics.state import ACTION_SIZE
 
 ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
-_MAGNIFICATION = np.float32(10.0)  # factor on small deviations in the policy's observation
 
 
 class HybridMemory(NamedTuple):
@@ -71,39 +70,47 @@ class HybridMemory(NamedTuple):
 
     controller: Any  # memory of the base controller
     base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
-    situation: Any = ()  # `Situation`; empty for hybrids that do not observe it
-    filtered: Any = ()  # f of `innovations` or `memory`; empty for hybrids that do not observe it
-    action: Any = ()  # the last applied action, for `memory`
+    inputs: Floats  # memories of the parts of the inputs, see `parts.read_inputs`
+    action: Floats32  # the last applied action, (n, 4); zeros at the start of an episode
 
 
 class Hybrid:
     """A base controller combined with a policy."""
 
     kind: ClassVar[str]  # the key of the class in `HYBRIDS`
-    _base_acts_first: ClassVar[bool] = False  # whether the base controller acts even if it has a Kalman observer
-    base_controller: Any  # as it was given: one of `quadpend_baselines.CONTROLLERS`, or an object
-    controller: Any  # the base controller, which estimates the disturbance
+    base_controller: Any  # one of `quadpend_baselines.CONTROLLERS`, or an object
 
     def __post_init__(self) -> None:
-        given = self.base_controller
-        found = controller(given) if isinstance(given, str) else given
-        if not isinstance(found, ADRC | OutputFeedback):
-            raise ValueError(f"base_controller must be a controller that estimates the disturbance, not {given!r}")
-        object.__setattr__(self, "controller", found)
+        if not isinstance(self._given, ADRC | OutputFeedback):
+            raise ValueError(
+                f"base_controller must be a controller that estimates the disturbance, not {self.base_controller!r}"
+            )
+
+    @cached_property
+    def _given(self) -> Any:
+        """The base controller as an object."""
+        return controller(self.base_controller) if isinstance(self.base_controller, str) else self.base_controller
+
+    @cached_property
+    def controller(self) -> Any:
+        """The base controller, which estimates the disturbance."""
+        return self._given
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid with its base controller designed for another nominal simulation and loop."""
-        other = copy(self)
-        object.__setattr__(other, "controller", self.controller.designed_for(simulation, loop))
-        return other
+        return replace(self, base_controller=self._given.designed_for(simulation, loop))  # type: ignore[type-var]
 
     def flown_in(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid as a policy needs it to fly in a nominal simulation with a known loop."""
         return self.designed_for(simulation, loop)
 
+    @abstractmethod
+    def parts(self, size: int) -> tuple[InputPart, ...]:
+        """Return the parts of the policy's observation if that of the environment has `size` numbers."""
+
     def observation_size(self, size: int) -> int:
         """Return the size of the policy's observation if the environment's observation has `size` numbers."""
-        return (OBSERVATION_SIZE if isinstance(self.controller, OutputFeedback) else size) + DISTURBANCE_SIZE
+        return sum(part.size for part in self.parts(size))
 
     def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
         """Update the base controller's estimate and make the policy's observation.
@@ -116,7 +123,21 @@ class Hybrid:
         Returns:
             The policy's observation, shape (n, m) with m from `observation_size`, and the memory for `act`.
         """
-        raise NotImplementedError
+        base, parts, rows = self.controller, self.parts(observation.shape[1]), len(observation)
+        if memory is None:
+            updated, action = base.update(observation, None, episode_start), np.zeros((rows, ACTION_SIZE), np.float32)
+            own = np.zeros((rows, sum(part.memory_size for part in parts)))
+        else:
+            updated, started = base.update(observation, memory.controller, episode_start), episode_start[:, np.newaxis]
+            own, action = np.where(started, 0.0, memory.inputs), np.where(started, np.float32(0.0), memory.action)
+        base_action, updated = self._first_action(updated, rows)
+        seen = Seen(observation, action, base_action, *base.estimates(updated))
+        inputs, own = read_inputs(parts, seen, own)
+        return inputs.astype(np.float32), HybridMemory(updated, base_action, own, action)
+
+    def _first_action(self, updated: Any, rows: int) -> tuple[Floats32, Any]:
+        """Return the action of the base controller if it acts before the policy, else zeros, and its memory."""
+        return np.zeros((rows, ACTION_SIZE), np.float32), updated
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the action that the base controller would apply, shape (n, 4), and the memory after that, for `act`.
@@ -125,7 +146,8 @@ class Hybrid:
 
         `memory` is that which the last call of `observe` returned.
         """
-        return memory.base_action, memory
+        action, updated = self.controller.control(memory.controller)
+        return action, memory._replace(controller=updated)
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Turn the policy's action into the action to apply, and pass the latter to the base controller's observer.
@@ -137,20 +159,18 @@ class Hybrid:
         Returns:
             The action to apply to the environment, shape (n, 4), and the memory for the next call of `observe`.
         """
-        raise NotImplementedError
+        applied = self._applied(action, memory.base_action)
+        return applied, memory._replace(
+            controller=self.controller.with_applied_action(memory.controller, applied), action=applied
+        )
 
-    def _update(self, observation: Floats32, memory: HybridMemory | None, started: Any) -> tuple[Floats32, Any]:
-        """Return zeros and the estimation of a base controller that acts later, or else its action and memory."""
-        last = None if memory is None else memory.controller
-        if isinstance(self.controller, OutputFeedback) and not self._base_acts_first:
-            zeros = np.zeros((len(observation), ACTION_SIZE), np.float32)
-            return zeros, self.controller.update(observation, last, started)
-        action, after = self.controller.predict(observation, last, started)
-        return action, after
+    def _applied(self, action: Floats32, base_action: Floats32) -> Floats32:
+        return action
 
-    def _applied(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
-        """Return the applied action, and the memory of an observer that knows it."""
-        return action, memory._replace(controller=self.controller.with_applied_action(memory.controller, action))
+    @property
+    def _vehicle(self) -> Vehicle:
+        parameters = self.controller.simulation.parameters
+        return Vehicle(parameters.rod_length, parameters.hover_thrust)
 
 
 @settings
@@ -176,40 +196,47 @@ class EstimateOnly(Hybrid):
                 f"situation and innovations need a base_controller with a Kalman observer, not {self.base_controller!r}"
             )
 
-    def observation_size(self, size: int) -> int:
-        """Return the size of the policy's observation; see `Hybrid.observation_size`."""
-        known = DEVIATION_SIZE if self.deviations else super().observation_size(size)
-        return known + self.situation * SITUATION_SIZE + self.innovations * INNOVATIONS_SIZE
-
-    def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
-        """Return the policy's observation and the memory; see `Hybrid.observe`."""
-        base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
-        disturbance, rows, started = base.estimated_disturbance(updated), len(observation), episode_start
-        situation: Any = ()
-        filtered: Any = ()
+    def parts(self, size: int) -> tuple[InputPart, ...]:
+        """Return the parts of the policy's observation; see `Hybrid.parts`."""
+        base = self.controller
         if self.deviations:
-            observed: list[Any] = [deviation_inputs(base._law, base.predicted_estimate(updated))]
+            parts = [deviation_part(base._law)]
+        elif isinstance(base, OutputFeedback):
+            parts = [estimated_part(self._vehicle)]
         else:
-            known = base.predicted_observation(updated) if isinstance(base, OutputFeedback) else observation
-            observed = [known, disturbance]
+            parts = [measured_part(self._vehicle, size)]
         if self.situation:
-            last, innovation = None if memory is None else memory.situation, updated.estimate.innovation
-            situation = update_situation(last, started, innovation, disturbance, base.simulation.period)
-            observed.append(situation_inputs(situation))
+            parts.append(situation_part(base.simulation.period, self._vehicle.weight))
         if self.innovations:
-            last = last_filtered(None if memory is None else memory.filtered, started, rows)
-            observed.append(innovation_inputs(updated.estimate, last, filter_shares(base.simulation.period, TIMES)))
-            filtered = observed[-1][:, -FILTERED_SIZE:]
-        seen = np.concatenate(observed, axis=1, dtype=np.float32)
-        return seen, HybridMemory(updated, action, situation, filtered)
+            parts.append(innovations_part(base.simulation.period))
+        return tuple(parts)
 
-    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
-        """Return the base controller's action, which only imitation needs; see `Hybrid.base_action`."""
-        return _late_action(self.controller, memory)
 
-    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
-        """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
-        return self._applied(action, memory)
+class NoController(Policy):
+    """In place of a base controller: it estimates nothing, and does not act."""
+
+    def __init__(self, simulation: Simulation, loop: Loop | None = None) -> None:
+        self.simulation, self.loop = simulation, loop or Loop()
+
+    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "NoController":
+        """Return the same for another simulation and loop."""
+        return NoController(simulation, loop)
+
+    def update(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[()]:
+        """Return an empty memory."""
+        return ()
+
+    def estimates(self, memory: Any) -> tuple[Any, Any]:
+        """Return no estimates."""
+        return (), ()
+
+    def control(self, memory: Any) -> Any:
+        """Refuse to act."""
+        raise ValueError("a hybrid that was made for a flight has no teacher: ask for one with teaches=True")
+
+    def with_applied_action(self, memory: Any, action: Floats32) -> tuple[()]:
+        """Return an empty memory."""
+        return ()
 
 
 @settings
@@ -221,61 +248,48 @@ class MemoryOnly(Hybrid):
 
     kind: ClassVar[str] = "memory_only"
     base_controller: Any = "lqg"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
-    period: ClassVar[float] = CONTROL_PERIOD  # s, of the simulation that it is made for
-    observed: ClassVar[ObservationLayout] = FULL  # fields of the observations
-    teacher: ClassVar[Any] = None  # the base controller, which `controller` is while it teaches
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "teacher", self.controller)
-        object.__setattr__(self, "controller", None)
+        if not isinstance(self.base_controller, NoController):
+            super().__post_init__()
 
-    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
-        """Return this hybrid with a teacher for a simulation and loop."""
-        other = self.flown_in(simulation, loop)
-        object.__setattr__(other, "controller", self.teacher.designed_for(simulation, loop))
-        return other
+    @cached_property
+    def controller(self) -> Any:
+        """The teacher, or no controller."""
+        return NoController(Simulation()) if isinstance(self.base_controller, str) else self.base_controller
 
     def flown_in(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
-        other = copy(self)
-        object.__setattr__(other, "period", simulation.period)
-        object.__setattr__(other, "observed", (loop or Loop()).observation)
-        object.__setattr__(other, "controller", None)
-        return other
+        return replace(self, base_controller=NoController(simulation, loop))
 
-    def observation_size(self, size: int) -> int:
-        """Return the size of the policy's observation, 92."""
-        return MEMORY_SIZE
+    def parts(self, size: int) -> tuple[InputPart, ...]:
+        """Return the parts of the policy's observation; see `Hybrid.parts`."""
+        return (memory_part(self.controller.simulation.period, self.controller.loop.observation),)
 
-    def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
-        """Return the policy's observation and the memory; see `Hybrid.observe`."""
-        rows, started = len(observation), episode_start
-        none, filtered = np.zeros((rows, ACTION_SIZE), np.float32), None
-        action = none
-        if memory is not None:
-            action, filtered = np.where(started[:, np.newaxis], none, memory.action), memory.filtered
-        base_action, teacher = (none, ()) if self.controller is None else self._update(observation, memory, started)
-        self.observed.check(observation)
-        given = (
-            observation[:, self.observed.select(OUTPUT_FEEDBACK)].astype(np.float64),
-            action.astype(np.float64),
-            filtered,
-            started,
-        )
-        seen, filtered = memory_inputs(*given, memory_numbers(self.period))
-        return seen.astype(np.float32), HybridMemory(teacher, base_action, (), filtered, action)
 
-    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
-        """Return the teacher's action; see `Hybrid.base_action`."""
-        if self.controller is None:
-            raise ValueError("a hybrid that was made for a flight has no teacher: ask for one with teaches=True")
-        return _late_action(self.controller, memory)
+@settings
+class HistoryOnly(Hybrid):
+    """Hybrid whose policy acts alone, equation (1), on the latest observations and actions, see `history`.
 
-    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
-        """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
-        applied, after = (action, memory) if self.controller is None else self._applied(action, memory)
-        return applied, after._replace(action=action)
+    It has no base controller.
+    """
+
+    kind: ClassVar[str] = "history"
+    observations: Annotated[int, Range(1, 1000)] = 4  # the present one included
+    actions: Annotated[int, Range(0, 1000)] = 0
+    base_controller: Any = field(default=NoController(Simulation()), init=False)
+
+    def __post_init__(self) -> None:
+        if (self.observations, self.actions) == (1, 0):
+            raise ValueError("a history must have 2 or more observations, or 1 or more actions")
+
+    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
+        """Return this hybrid."""
+        return self
+
+    def parts(self, size: int) -> tuple[InputPart, ...]:
+        """Return the parts of the policy's observation; see `Hybrid.parts`."""
+        return (history_part(self.observations, self.actions, size),)
 
 
 @settings
@@ -286,42 +300,34 @@ class ResidualAction(Hybrid):
     """
 
     kind: ClassVar[str] = "residual_action"
-    _base_acts_first: ClassVar[bool] = True
     base_controller: Any = "flatness"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
     action_scale: ActionScale = 0.3
 
-    def observation_size(self, size: int) -> int:
-        """Return the size of the policy's observation; see `Hybrid.observation_size`."""
-        return super().observation_size(size) + ACTION_SIZE
+    def parts(self, size: int) -> tuple[InputPart, ...]:
+        """Return the parts of the policy's observation; see `Hybrid.parts`."""
+        if isinstance(self.controller, OutputFeedback):
+            return (residual_part(self._vehicle),)
+        return (measured_residual_part(self._vehicle, size),)
 
-    def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
-        """Return the policy's observation and the memory; see `Hybrid.observe`."""
-        base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
-        known = base.estimated_observation(updated) if isinstance(base, OutputFeedback) else observation.copy()
-        known[:, : REFERENCE_START - OBSERVATION_SIZE] *= _MAGNIFICATION
-        parts = [known, base.estimated_disturbance(updated), _MAGNIFICATION * action]
-        return np.concatenate(parts, axis=1, dtype=np.float32), HybridMemory(updated, action)
+    def _first_action(self, updated: Any, rows: int) -> tuple[Floats32, Any]:
+        action, after = self.controller.control(updated)
+        return action, after
 
-    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
-        """Return the corrected action and the memory; see `Hybrid.act`."""
-        return self._applied(np.clip(memory.base_action + np.float32(self.action_scale) * action, -1.0, 1.0), memory)
-
-
-def _late_action(base: Any, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
-    """Return the action of a base controller that has only estimated so far, and the memory with it."""
-    if not isinstance(base, OutputFeedback):
+    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the action on which the policy builds; see `Hybrid.base_action`."""
         return memory.base_action, memory
-    action, updated = base.control(memory.controller)
-    return action, memory._replace(controller=updated)
+
+    def _applied(self, action: Floats32, base_action: Floats32) -> Floats32:
+        return np.clip(base_action + np.float32(self.action_scale) * action, -1.0, 1.0)
 
 
-HYBRIDS: dict[str, type[Hybrid]] = {kind.kind: kind for kind in (EstimateOnly, MemoryOnly, ResidualAction)}
+HYBRIDS: dict[str, type[Hybrid]] = {kind.kind: kind for kind in (EstimateOnly, MemoryOnly, HistoryOnly, ResidualAction)}
 
 
 def hybrid_from_data(data: Any) -> Hybrid:
     """Return the hybrid that plain data describe, such as ``{"kind": "estimate_only", "base_controller": "lqr"}``."""
     kind = HYBRIDS.get(str(data.get("kind"))) if isinstance(data, Mapping) else None
-    if kind is None or not isinstance(data.get("base_controller"), str):
+    if kind is None or (kind is not HistoryOnly and not isinstance(data.get("base_controller"), str)):
         raise ValueError(
             f"a hybrid must be a mapping with a kind, one of {', '.join(HYBRIDS)}, and the name of a base_controller,"
             f" not {data!r}"

@@ -4,7 +4,7 @@ Every controller that stabilises a linear model is the feedback of an observer p
 (Youla's parametrisation). With three such filters a network comes close to other observers: one with more trust in the
 sensors, or one that knows how a disturbance goes on. In control step k, with ν in the axes of the heading at that time,
 
-    (1)  f_k = f_{k−1} + (1 − e^{−T/τ}) (ν_k − f_{k−1}),     τ = 0.02, 0.06 and 0.2 s
+    (1)  f_k = f_{k−1} + (1 − e^{−T/τ}) (ν_k − f_{k−1}),     τ = 0.02, 0.06 and 0.2 s;   f = 0 at the start
 
 | part                                                                         | size | scale           |
 |------------------------------------------------------------------------------|------|-----------------|
@@ -14,24 +14,29 @@ sensors, or one that knows how a disturbance goes on. In control step k, with ν
 Source: Zhou, Doyle and Glover, Robust and optimal control, 1996, section 12.3.
 """
 
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
 
-from quadpend_baselines.estimation.estimate import INNOVATION, STATE, Estimate
+from quadpend_baselines.estimation.estimate import INNOVATION, STATE
+from quadpend_baselines.hybrid.parts import InputPart, Seen
 from quadpend_baselines.modelling.quantities import load_state, turn3
-from quadpend_gym.core.arrays import Booleans, Floats
+from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled
 
-TIMES = np.array([0.02, 0.06, 0.2])  # τ, s
+_TIMES = 0.02, 0.06, 0.2  # τ, s
 _SCALE = 1e-3
 _SIZE = 8  # of ν
-FILTERED_SIZE = _SIZE * len(TIMES)
+FILTERED_SIZE = _SIZE * len(_TIMES)
 INNOVATIONS_SIZE = _SIZE + FILTERED_SIZE
 
 
-def filter_shares(period: float, times: Floats) -> Floats:
+@lru_cache(maxsize=32)
+def filter_shares(period: float, times: tuple[float, ...]) -> Floats:
     """Return 1 − e^{−T/τ} for each τ."""
-    return np.asarray(1.0 - np.exp(-period / times))
+    return np.asarray(1.0 - np.exp(-period / np.array(times)))
 
 
 @compiled
@@ -50,14 +55,12 @@ def _inputs(estimate: Floats, filtered: Floats, shares: Floats, out: Floats) -> 
                 out[row, (j + 1) * _SIZE + i] = last + shares[j] * (out[row, i] - last)
 
 
-def innovation_inputs(estimate: Estimate, filtered: Floats, shares: Floats) -> Floats:
-    """Return the inputs, shape (n, 32), for f of the last step, shape (n, 24); the last 24 are f now."""
-    out = np.empty((len(estimate.array), INNOVATIONS_SIZE))
-    _inputs(estimate.array, filtered, shares, out)
-    return out
+def _innovations(period: float, seen: Seen, memory: Any) -> tuple[Any, Any]:
+    out = np.empty((len(memory), INNOVATIONS_SIZE))
+    _inputs(seen.estimate, np.ascontiguousarray(memory), filter_shares(period, _TIMES), out)
+    return out, out[:, _SIZE:]
 
 
-def last_filtered(last: Floats | None, started: Booleans, rows: int) -> Floats:
-    """Return f of the last step, zeros in rows that begin; `last` are the inputs then, None at the first step."""
-    none = np.zeros((rows, FILTERED_SIZE))
-    return none if last is None else np.where(started[:, np.newaxis], none, last)
+def innovations_part(period: float) -> InputPart:
+    """Return ν and f; f is the memory. The control period is in s."""
+    return InputPart(INNOVATIONS_SIZE, FILTERED_SIZE, _innovations, period)

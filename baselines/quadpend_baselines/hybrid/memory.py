@@ -26,20 +26,25 @@ estimates the body rate that an action of 1 commands. With quicker filters the l
 Horizontal vectors are in the axes of the heading.
 """
 
+from typing import Any
+
 import numpy as np
 
 from quadpend_baselines.hybrid.innovations import filter_shares
-from quadpend_gym.core.arrays import Booleans, Floats
-from quadpend_gym.core.elementary import sincos
+from quadpend_baselines.hybrid.parts import InputPart, Seen
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.elementary import select, sincos
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SCALE,
+    OUTPUT_FEEDBACK,
     OUTPUT_FEEDBACK_COLUMNS,
     OUTPUT_FEEDBACK_FIELDS,
+    ObservationLayout,
 )
 
-_TIMES = np.array([0.02, 0.06, 0.2, 0.6, 2.0])  # τ, s
+_TIMES = 0.02, 0.06, 0.2, 0.6, 2.0  # τ, s
 _MEMORY = 10.0  # s, of the least squares
 _PRIOR, _WEIGHT = 6.0, 0.5  # p and w of (3), in the scales of φ and the actions
 _STEP = 0.01  # s: period of which w is a multiple
@@ -52,7 +57,9 @@ _SIZE, _ROLL, _ROLL_ACTION = len(_SCALE), 5, 9  # of x, and places in it
 _ORDERS = (_YAW - _REFERENCE) // 3
 _FILTERED = _SIZE * len(_TIMES)
 _ESTIMATES = 3
-REMEMBERED_SIZE = _FILTERED + 2 * _ESTIMATES
+# Memory: f, the sums of the least squares, and 1 after the first step of an episode
+_BEGUN = _FILTERED + 2 * _ESTIMATES
+REMEMBERED_SIZE = _BEGUN + 1
 MEMORY_SIZE: int = _SIZE + 3 * _ORDERS + 2 + _FILTERED + _ESTIMATES
 
 
@@ -61,7 +68,6 @@ def _inputs(
     seen: Floats,
     action: Floats,
     last: Floats,
-    started: Booleans,
     shares: Floats,
     forgetting: float,
     step: float,
@@ -85,10 +91,11 @@ def _inputs(
             out[row, i] /= _SCALE[i]
         for i in range(2):
             out[row, _SIZE + 3 * _ORDERS + i] = _UNITS[_YAW + 1 + i] * seen[row, _YAW + 1 + i]
-        first = _SIZE + 3 * _ORDERS + 2
+        first, is_new = _SIZE + 3 * _ORDERS + 2, last[row, _BEGUN] < 1.0
+        now[row, _BEGUN] = 1.0
         for j in range(len(_TIMES)):
             for i in range(_SIZE):
-                before = out[row, i] if started[row] else last[row, j * _SIZE + i]
+                before = select(is_new, out[row, i], last[row, j * _SIZE + i])
                 now[row, j * _SIZE + i] = before + shares[j] * (out[row, i] - before)
                 out[row, first + j * _SIZE + i] = out[row, i] - now[row, j * _SIZE + i]
         for j in range(_ESTIMATES):
@@ -100,30 +107,23 @@ def _inputs(
                 command = _TIMES[j + 1] * now[row, b + _ROLL_ACTION + i] - _TIMES[j] * now[row, a + _ROLL_ACTION + i]
                 products += rate * command / span
                 squares += (command / span) ** 2
-            now[row, place] = step * products + (0.0 if started[row] else forgetting * last[row, place])
-            now[row, place + 1] = step * squares + (0.0 if started[row] else forgetting * last[row, place + 1])
+            now[row, place] = step * products + forgetting * last[row, place]
+            now[row, place + 1] = step * squares + forgetting * last[row, place + 1]
             slope = (now[row, place] + _WEIGHT * _PRIOR) / (now[row, place + 1] + _WEIGHT)
             out[row, first + _FILTERED + j] = (slope - _PRIOR) / (0.5 * _PRIOR)
 
 
-def memory_inputs(
-    seen: Floats, action: Floats, remembered: Floats | None, started: Booleans, numbers: tuple[Floats, float, float]
-) -> tuple[Floats, Floats]:
-    """Return the inputs, shape (n, 92), and the memory, shape (n, 66): f and the sums of the least squares.
-
-    Args:
-        seen: Observation of the environment without velocities, shape (n, 27).
-        action: The last action, shape (n, 4); zeros in rows that begin.
-        remembered: The memory of the last step; None at the first step.
-        started: Mask of the rows whose episode begins, shape (n,).
-        numbers: See `memory_numbers`.
-    """
-    out, now = np.empty((len(seen), MEMORY_SIZE)), np.empty((len(seen), REMEMBERED_SIZE))
-    shares, forgetting, step = numbers
-    _inputs(seen, action, now if remembered is None else remembered, started, shares, forgetting, step, out, now)
+def _memory(numbers: tuple[float, ObservationLayout], seen: Seen, memory: Any) -> tuple[Any, Any]:
+    period, layout = numbers
+    layout.check(seen.observation)
+    observed = seen.observation[:, layout.select(OUTPUT_FEEDBACK)].astype(np.float64)
+    action = seen.action.astype(np.float64)
+    out, now = np.empty((len(observed), MEMORY_SIZE)), np.empty((len(observed), REMEMBERED_SIZE))
+    forgetting = float(np.exp(-period / _MEMORY))
+    _inputs(observed, action, memory, filter_shares(period, _TIMES), forgetting, period / _STEP, out, now)
     return out, now
 
 
-def memory_numbers(period: float) -> tuple[Floats, float, float]:
-    """Return 1 − e^{−T/τ} for each τ, λ, and the weight of a step in the least squares."""
-    return filter_shares(period, _TIMES), float(np.exp(-period / _MEMORY)), period / _STEP
+def memory_part(period: float, layout: ObservationLayout) -> InputPart:
+    """Return the inputs of the table, for observations with the fields of a layout; the control period is in s."""
+    return InputPart(MEMORY_SIZE, REMEMBERED_SIZE, _memory, (period, layout))

@@ -17,56 +17,38 @@ equations of motion with nominal parameters do not predict the motion; that of r
 estimated disturbance is the wind and all that the observer takes for it, such as a wrong mass.
 """
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
-from quadpend_gym.core.arrays import Booleans, Floats
+from quadpend_baselines.estimation.estimate import INNOVATION, RIGID_PART, disturbance_of
+from quadpend_baselines.hybrid.parts import InputPart, Seen
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE
 
 _TIME = 1.0  # τ, s
 _INNOVATION = np.tile(np.repeat([0.01, 0.1], 3), STATE_SIZE // 6)  # scales: every second field of a state is a rate
 _CHANGE = 0.1  # scale, N and N·m
 SITUATION_SIZE = (STATE_SIZE + 2 * DISTURBANCE_SIZE) // 3
+# Memory: m, the last estimated disturbance, and k, the number of steps of the episode so far
+_STEPS = SITUATION_SIZE + DISTURBANCE_SIZE
 
 
-class Situation(NamedTuple):
-    """The running mean squares for n rows."""
-
-    mean_square: Floats  # m of equation (1), shape (n, 12)
-    disturbance: Floats  # the last estimated disturbance, N and N·m, shape (n, 9)
-    steps: Floats  # k, the number of steps of the episode so far, shape (n,)
+def root(mean_square: Any) -> Any:
+    """Return s of equation (2). Its slope at zero is infinite: gradients take another root there."""
+    return np.sqrt(mean_square)
 
 
-def update_situation(
-    last: Situation | None, started: Booleans, innovation: Floats, disturbance: Floats, period: float
-) -> Situation:
-    """Return the situation after equation (1), T = `period`, from the one a step ago (None at the first step).
-
-    Innovation and disturbance have the shapes (n, 18) and (n, 9); `started` is the mask of the rows that begin, (n,).
-    """
-    rows = len(innovation)
-    if last is None:
-        last = Situation(np.zeros((rows, SITUATION_SIZE)), disturbance, np.zeros(rows))
-    steps = np.where(started, 1.0, last.steps + 1.0)
-    change = np.where(started[:, np.newaxis], 0.0, disturbance - last.disturbance)
-    share = new_share(steps, period)[:, np.newaxis]
-    added = share * (mean_squares(innovation, disturbance, change) - last.mean_square)
-    return Situation(last.mean_square + added, disturbance, steps)
+def _situation(numbers: tuple[float, float], seen: Seen, memory: Any) -> tuple[Any, Any]:
+    period, weight = numbers
+    disturbance, innovation = disturbance_of(seen.estimate, weight), seen.estimate[:, INNOVATION:RIGID_PART]
+    before, last, steps = memory[:, :SITUATION_SIZE], memory[:, SITUATION_SIZE:_STEPS], memory[:, _STEPS:] + 1.0
+    change = np.where(steps >= 2.0, disturbance - last, 0.0)
+    squares = np.concatenate([innovation / _INNOVATION, disturbance, change / _CHANGE], axis=1) ** 2
+    mean = (squares[:, ::3] + squares[:, 1::3] + squares[:, 2::3]) / 3.0
+    after = before + np.maximum(1.0 / steps, period / _TIME) * (mean - before)
+    return root(after), np.concatenate([after, disturbance, steps], axis=1)
 
 
-def mean_squares(innovation: Floats, disturbance: Floats, change: Floats) -> Floats:
-    """Return v̄² of equation (1), shape (n, 12)."""
-    parts = [innovation / _INNOVATION, disturbance, change / _CHANGE]
-    squares: Floats = np.concatenate(parts, axis=1) ** 2
-    return np.asarray((squares[:, ::3] + squares[:, 1::3] + squares[:, 2::3]) / 3.0)
-
-
-def new_share(steps: Floats, period: float) -> Floats:
-    """Return ε of equation (1) in step k of an episode, shape (n,)."""
-    return np.maximum(1.0 / steps, period / _TIME)
-
-
-def situation_inputs(situation: Situation) -> Floats:
-    """Return s of equation (2), shape (n, 12)."""
-    return np.sqrt(situation.mean_square)
+def situation_part(period: float, weight: float) -> InputPart:
+    """Return s; the control period is in s, and the weight of the nominal vehicle in N."""
+    return InputPart(SITUATION_SIZE, _STEPS + 1, _situation, (period, weight))

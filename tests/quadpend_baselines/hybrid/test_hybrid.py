@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.measurement import observation_of
 from quadpend_baselines.hybrid import (
     HYBRIDS,
     EstimateOnly,
@@ -16,7 +17,7 @@ from quadpend_baselines.hybrid import (
     hybrid_from_data,
 )
 from quadpend_baselines.policy.protocol import to_command
-from quadpend_gym import Constant, Reference, Simulation
+from quadpend_gym import PAPER, Constant, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay
 from quadpend_gym.tasks.observation import as_layout
 from tests.helpers.bad_input import assert_refused
@@ -38,7 +39,7 @@ def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(n
     policy: Any = controller(name).designed_for(Simulation(), Loop(observation=as_layout(outputs)))
     action, known = policy.predict(observation)
     estimates_state = isinstance(policy, OutputFeedback)
-    state = policy.estimated_observation(known) if estimates_state else observation
+    state = observation_of(known.estimate, PAPER.rod_length) if estimates_state else observation
     disturbance = policy.estimated_disturbance(known)
     near = np.full(state.shape[1], 1.0)
     near[: state.shape[1] - 18] = 10.0
@@ -120,7 +121,8 @@ def test_hybrid_survives_plain_data_and_a_new_design_of_its_base_controller(data
     hybrid, slow = hybrid_from_data(data), Simulation(period=0.02)
     other = hybrid.designed_for(slow)
     assert type(hybrid) is type(other) is HYBRIDS[data["kind"]]
-    assert all(getattr(other, name) == value for name, value in data.items())
+    assert all(getattr(hybrid, name) == value for name, value in data.items())
+    assert all(getattr(other, name) == value for name, value in data.items() if name != "base_controller")
     assert (hybrid.controller.simulation, other.controller.simulation) == (Simulation(), slow)
 
 

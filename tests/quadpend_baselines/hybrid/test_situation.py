@@ -3,8 +3,10 @@
 import gymnasium as gym
 import numpy as np
 
+from quadpend_baselines.estimation.estimate import LOOP, Estimate
 from quadpend_baselines.hybrid import VectorHybridWrapper
-from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
+from quadpend_baselines.hybrid.parts import Seen
+from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_part
 from quadpend_gym.sensors import Noise
 
 HYBRID = {"kind": "estimate_only", "base_controller": "flatness", "situation": True}
@@ -20,19 +22,30 @@ def flown(wind=None, noise=None):
     return observation[:, -SITUATION_SIZE:]
 
 
+PART = situation_part(0.01, 10.0)  # period (s) and weight (N)
+
+
+def inputs_of(innovation, disturbance, memory):
+    """Return the situation for an innovation and a disturbance, shapes (n, 18) and (n, 9), and its memory."""
+    estimate = Estimate(np.zeros((len(innovation), LOOP)))
+    estimate.innovation[:], estimate.disturbance[:], estimate.mass_ratio[:] = innovation, disturbance, 1.0
+    return PART.function(PART.numbers, Seen(None, None, None, estimate.array, None), memory)
+
+
 def test_a_constant_signal_has_its_own_root_mean_square_from_the_first_step():
     innovation = np.tile(np.repeat([0.002, 0.02], 3), (2, 3))  # of a field, of its rate, and so on
     disturbance = np.tile(np.repeat([2.0, 0.5, 0.1], 3), (2, 1))
-    situation = None
+    memory = np.zeros((2, PART.memory_size))
     for _ in range(3):
-        situation = update_situation(situation, np.zeros(2, bool), innovation, disturbance, 0.01)
-    np.testing.assert_allclose(situation_inputs(situation), [[0.2] * 6 + [2.0, 0.5, 0.1, 0.0, 0.0, 0.0]] * 2)
+        found, memory = inputs_of(innovation, disturbance, memory)
+    np.testing.assert_allclose(found, [[0.2] * 6 + [2.0, 0.5, 0.1, 0.0, 0.0, 0.0]] * 2)
 
 
 def test_a_new_episode_forgets_the_last_one():
-    innovation, loud, calm = np.zeros((2, 18)), np.ones((2, 9)), np.zeros((2, 9))
-    before = update_situation(None, np.ones(2, bool), innovation, loud, 0.01)
-    after = situation_inputs(update_situation(before, np.array([True, False]), innovation, calm, 0.01))
+    loud, calm = np.ones((2, 9)), np.zeros((2, 9))
+    _, memory = inputs_of(np.zeros((2, 18)), loud, np.zeros((2, PART.memory_size)))
+    memory[0] = 0.0
+    after, _ = inputs_of(np.zeros((2, 18)), calm, memory)
     assert not after[0].any()
     assert after[1].any()
 

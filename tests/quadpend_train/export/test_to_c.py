@@ -11,18 +11,19 @@ import pytest
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import Scenario, find_scenarios
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_train import run_episodes
+from quadpend_train.cli.main import main
 from quadpend_train.policies.compiled import SAMPLE_SIZE, CPolicy
 from quadpend_train.policies.loading import load_policy
-from tests.helpers.policies import mlp_policy
+from tests.helpers.policies import RESIDUAL_ACTION, mlp_policy
 
 pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
 if which("cc") is None:
     pytest.skip("there is no C compiler", allow_module_level=True)
 
 from experiments.deploy import check
-from quadpend_train.export.to_c import export_c
+from quadpend_train.export.to_c import export_c, scenario_for
 
 SANITIZERS = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 DOUBLE, NO_LIBM = "-DQUADPEND_DOUBLE", "-DQUADPEND_NO_LIBM"
@@ -33,7 +34,7 @@ def scenario(name: str, **parts: Any) -> Scenario:
     return replace(find_scenarios([name])[name], observation="output_feedback", **parts)
 
 
-POLICIES = {name: scenario("flight_breeze") for name in ("lqg", "apg-flight-0")}
+POLICIES = {name: scenario("flight_breeze") for name in ("lqg", "apg-flight-0", "apg-vehicles-safe-0")}
 
 
 @pytest.fixture(scope="module", params=POLICIES)
@@ -53,10 +54,26 @@ def test_golden_vectors_pass_without_warnings(exported: Path, flags: tuple[str, 
     assert check(exported, *flags).startswith("passed")
 
 
-def test_a_network_without_observer_gets_rates_from_differences(tmp_path: Path) -> None:
+HISTORY = {"kind": "history", "observations": 3, "actions": 2}
+ON_ADRC = {"kind": "estimate_only", "base_controller": "adrc-matched"}
+
+
+@pytest.mark.parametrize(
+    ("inputs", "hybrid"),
+    [
+        (OBSERVATION_SIZE, None),  # it gets rates from differences
+        (OUTPUT_FEEDBACK_SIZE, None),
+        (3 * OBSERVATION_SIZE + 8, HISTORY),
+        (3 * OUTPUT_FEEDBACK_SIZE + 8, HISTORY),
+        (OUTPUT_FEEDBACK_SIZE + 9, ON_ADRC),
+        (OBSERVATION_SIZE + 13, {**RESIDUAL_ACTION, "base_controller": "lqi"}),
+    ],
+)
+def test_networks_of_every_kind_are_written(inputs: int, hybrid: Any, tmp_path: Path) -> None:
     source = tmp_path / "policy.c"
-    export_c(mlp_policy(OBSERVATION_SIZE), "network", scenario("windy"), source)
+    export_c(mlp_policy(inputs, hybrid=hybrid), "network", scenario("windy"), source)
     assert check(source).startswith("passed")
+    assert check(source, DOUBLE).startswith("passed")
 
 
 def vectors(source: Path) -> Floats:
@@ -104,7 +121,7 @@ def test_a_compiled_policy_flies_like_the_python_one(exported: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "parts", "message"),
     [
-        ("ppo-swing-up-0", {}, "only policies that balance an upright"),
+        ("ppo-swing-up-0", {}, "only policies that balance an upright pendulum can; --to onnx"),
         ("nmpc", {}, "nmpc cannot be written as C"),
         ("lqg", {"interface": "rotors", "actuators": ()}, "another --scenario without rotors"),
         ("lqg", {"sensors": {"kind": "delay"}}, "predict no delay of sensors"),
@@ -121,3 +138,24 @@ def test_a_file_is_for_one_period_and_interface(exported: Path) -> None:
         load_policy(f"c:{exported}").adapt(scenario("windy"))
     with pytest.raises(ValueError, match="there must be a C file"):
         load_policy("c:none.c")
+
+
+def test_the_command_chooses_a_fitting_scenario_makes_the_folder_and_says_what_works(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "new" / "apg.c"
+    main(["export", "apg-0", "--to", "c", "--out", str(source)])
+    assert "Scenario: windy" in capsys.readouterr().out
+    assert source.is_file()
+    assert scenario_for(load_policy("apg-loops-0"), "apg-loops-0") == "flight_breeze@racer"
+    weights, none = tmp_path / "ppo.cleanrl_model", "neither a policy file .* nor a model"
+    weights.write_bytes(b"")
+    for model, message in (
+        (str(weights), none),
+        (str(tmp_path), "neither policy.npz nor a model"),
+        ("apg-0", "is a policy file already"),
+        ("lqg", "is no model of Stable-Baselines3"),
+    ):
+        with pytest.raises(SystemExit):
+            main(["export", model, "--out", str(tmp_path / "out.npz")])
+        assert re.search(message, capsys.readouterr().err)

@@ -39,5 +39,5 @@ def test_a_session_returns_the_actions_of_the_policy(name: str, tmp_path: Path) 
 def test_a_policy_with_an_observer_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="ONNX has the network alone"):
         export_onnx(load_policy("apg-0"), tmp_path / "policy.onnx")
-    with pytest.raises(ValueError, match="ONNX is for networks"):
+    with pytest.raises(ValueError, match="ONNX has networks alone: --to c writes ADRC"):
         export_onnx(load_policy("lqg"), tmp_path / "policy.onnx")

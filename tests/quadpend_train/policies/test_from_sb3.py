@@ -19,6 +19,7 @@ from torch import nn
 from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.wrappers import VectorHistoryWrapper
 from quadpend_train.cli.main import main
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
@@ -57,6 +58,24 @@ def model(kind: Any, around: Any = None, gain: float = 1.0, sde: bool = False, *
             for parameter in linear_layers(made)[-1].parameters():
                 parameter *= gain
     return made
+
+
+def test_a_model_of_stacked_observations_flies_without_their_wrapper(tmp_path: Path) -> None:
+    around = SB3VecEnv(VectorHistoryWrapper(make_vec(2, autoreset_mode="SameStep"), 3, 2))
+    made = model(PPO, around)
+    made.save(tmp_path / "model.zip")
+    policy, stacked, plain = (
+        load_policy(str(tmp_path / "model.zip")),
+        around.env,
+        make_vec(2, autoreset_mode="SameStep"),
+    )
+    seen, observation, memory = stacked.reset(seed=0)[0], plain.reset(seed=0)[0], None
+    for step in range(20):
+        action, memory = policy.predict(observation, memory, np.full(2, step == 0))
+        assert_allclose(action, made.predict(seen, deterministic=True)[0], atol=1e-5)
+        seen, observation = stacked.step(action)[0], plain.step(action)[0]
+    with pytest.raises(ValueError, match="takes 108 numbers, not 36 or 27"):  # nothing says how it was stacked
+        mlp_policy(108)
 
 
 def assert_acts_like(policy: Any, expected: Floats32) -> None:

@@ -134,7 +134,7 @@ def export(
     to: Literal["npz", "c", "onnx"] = "npz",
     out: Path | None = None,
     vec_normalize: Path | None = None,
-    scenario: str = "flight_breeze",
+    scenario: str | None = None,
 ) -> None:
     """Convert a policy to a policy file, which executes no code when loaded, to C or to ONNX.
 
@@ -144,11 +144,12 @@ def export(
         model: A policy; for npz a file (.zip) saved by an algorithm with a feedforward network, such as PPO or SAC.
         to: npz; c for microcontrollers, with the observer and golden vectors; or onnx for the network alone.
         out: File to write; the default has the name of the policy.
-        scenario: Scenario for whose vehicle, interface, control period and latency C is written.
+        scenario: Scenario for whose vehicle, interface, control period and latency C is written. The default is
+            flight_breeze or windy, with the interface and the vehicle of the policy.
         vec_normalize: File (.pkl) saved by VecNormalize, if the model was trained with it. The default is the one with
             a usual name beside the model. Loading it executes code that it contains.
     """
-    from quadpend_train.policies.loading import load_policy
+    from quadpend_train.policies.loading import load_policy, model_file
 
     stem = Path(model).with_suffix("") if Path(model).suffix in (".zip", ".npz") else Path(Path(model).name)
     path = out or stem.with_suffix(".npz")
@@ -162,12 +163,14 @@ def export(
         raise ValueError("--vec-normalize is for npz: export the model to npz first, and then the policy file")
     files = [path]
     if to == "c":
-        from quadpend_train.export.to_c import export_c
+        from quadpend_train.export.to_c import export_c, scenario_for
 
-        chosen = named_scenarios([scenario])
+        policy = load_policy(model)
+        chosen = named_scenarios([scenario or scenario_for(policy, stem.name)])
         if len(chosen) != 1:
             raise ValueError(f"--scenario must be one scenario, not {len(chosen)}: {', '.join(chosen)}")
-        files = export_c(load_policy(model), stem.name, next(iter(chosen.values())), path)
+        print("Scenario:", *chosen)
+        files = export_c(policy, stem.name, next(iter(chosen.values())), path)
     elif to == "onnx":
         from quadpend_train.export.to_onnx import export_onnx
 
@@ -175,5 +178,6 @@ def export(
     else:
         from quadpend_train.policies.from_sb3 import export_zip
 
-        export_zip(Path(model), vec_normalize, source=Path(model).name).save(path)
+        file = model_file(model)
+        export_zip(file, vec_normalize, source=file.name).save(path)
     print("Written:", *files)

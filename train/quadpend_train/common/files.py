@@ -10,9 +10,10 @@ from pathlib import Path
 def atomic(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder, with the same suffix; its file replaces `path` after the block.
 
-    After an exception, the old file is unchanged and there is no temporary file.
+    A missing folder is made. After an exception, the old file is unchanged and there is no temporary file.
     """
     target = Path(os.path.realpath(path))  # a link stays a link
+    target.parent.mkdir(parents=True, exist_ok=True)
     unfinished = target.with_name(f"unfinished_{os.getpid()}_{target.stem[:40]}{target.suffix}")
     try:
         yield unfinished

@@ -110,7 +110,7 @@ static void act(@name@_policy *policy, int is_sample) {
 #endif
 #if NETWORK
   real seen[INPUTS];
-  inputs(memory, later, policy->extra, seen, extra);
+  inputs(observed, memory, later, action, policy->extra, seen, extra);
   copy(EXTRA, extra, policy->extra);
   network(seen, policy->output);
 #endif

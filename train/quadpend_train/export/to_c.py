@@ -18,12 +18,15 @@ from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.hybrid import MemoryOnly
+from quadpend_baselines.hybrid.hybrids import NoController
+from quadpend_baselines.hybrid.parts import InputPart, observed_part
+from quadpend_baselines.policy.protocol import SelectedFields
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_gym.sensors import Delay
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK, PRESETS
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.files import atomic
 from quadpend_train.export.program import program
 from quadpend_train.policies.compiled import samples_of
@@ -63,8 +66,8 @@ def export_c(
         raise ValueError(f"the name of a C file must be letters, digits and _, and end with .c, not {out.name!r}")
     scenario = replace(scenario, observation=OUTPUT_FEEDBACK)
     adapted = adapt(policy, name, scenario, gain_steps)
-    inner = _inner(adapted)
-    simulation, found = scenario.simulation, program(inner, scenario.simulation)
+    inner, part = _inner(adapted)
+    simulation, found = scenario.simulation, program(inner, scenario.simulation, part)
     scale, is_network, reads_observer = simulation.command_scale, isinstance(inner, MlpPolicy), bool(found.checked)
     functions = dict(found.functions)
     tables, layers = "", ""
@@ -90,7 +93,7 @@ def export_c(
         "missing": _PREDICTS if reads_observer else _HOLDS,
         "elementary": (_FOLDER / "elementary.c").read_text(encoding="utf-8").strip(),
         "kalman": int(reads_observer),
-        "adrc": int(isinstance(inner, ADRC)),
+        "adrc": int("release" in found.functions),
         "network": int(is_network),
         "memory": found.memory,
         "extra": found.extra,
@@ -104,7 +107,7 @@ def export_c(
         "advances": ", ".join(found.parts),
         "layers": layers,
         "steps": _STEPS,
-        "tolerance": "1e-2" if isinstance(inner, ADRC) and _is_fast(inner) else "1e-4",
+        "tolerance": "1e-2" if _is_fast(inner) else "1e-4",
         "tolerance_double": "1e-6" if is_network and inner.hybrid and inner.hybrid.kind != "estimate_only" else "1e-10",
         "vectors": _vectors(adapted, scenario),
         "ranges": _numbers(2.0 * scale),
@@ -124,19 +127,21 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
     tasks = [scenario.task, *(item.task for item in find_scenarios(trained).values())]
     law = getattr(policy, "_law", None)
     if any(task.pendulum != "upright" or task.limits.pendulum_angle > 0.5 * np.pi for task in tasks):
-        raise ValueError(f"{name} cannot be written as C: only policies that balance an upright pendulum can")
+        is_network = isinstance(policy, MlpPolicy) and policy.hybrid is None
+        onnx = "; --to onnx writes its network" if is_network else ""
+        raise ValueError(f"{name} cannot be written as C: only policies that balance an upright pendulum can{onnx}")
     if not isinstance(policy, ADRC | OutputFeedback | MlpPolicy) or isinstance(law, Nmpc):
-        raise ValueError(f"{name} cannot be written as C: it is no network, ADRC, LQR, LQI, LQG, flatness or dual-mode")
-    if isinstance(policy, MlpPolicy) and isinstance(policy.hybrid, MemoryOnly):
-        raise ValueError(f"{name} cannot be written as C: networks on a memory of the measurements are not covered")
+        raise ValueError(
+            f"{name} cannot be written as C: it is no feedforward network, ADRC, LQR, LQI, LQG, flatness or dual-mode"
+        )
     if scenario.simulation.interface == "rotors":
         raise ValueError("C files command thrust with torques or body rates: choose another --scenario without rotors")
     if any(isinstance(model, Delay) for model in scenario.sensors):
         raise ValueError("C files predict no delay of sensors: choose another --scenario, with a latency in its place")
-    if policy.layouts and not set(policy.layouts) & set(PRESETS.values()):
-        raise ValueError(f"{name} cannot be written as C: it reads the fields {', '.join(policy.layouts[0])} only")
     adapted = copy(policy).adapt(scenario)
-    inner = _inner(adapted)
+    inner, part = _inner(adapted)
+    if part.size != OUTPUT_FEEDBACK_SIZE and _base(inner) is not None:
+        raise ValueError(f"{name} cannot be written as C: it reads velocities; train it with 'output_feedback'")
     if isinstance(inner, MlpPolicy):
         setattr(inner, "forward", _double_forward(inner))  # noqa: B010
     if (observer := _observer(inner)) is not None:
@@ -147,21 +152,45 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
     return adapted
 
 
-def _inner(adapted: Any) -> Any:
-    """Return the policy that gets the rates from differences, or the policy itself."""
-    return adapted.policy if isinstance(adapted, FiniteDifferencePolicy) else adapted
+def scenario_for(policy: Policy, name: str) -> str:
+    """Return the scenario for which a policy is written by default: with the interface and the vehicle of its card."""
+    card = getattr(policy, "card", None) or {}
+    interface, vehicle = card.get("interface"), card.get("vehicle")
+    scenario, usual = {"wrench": ("windy", "paper")}.get(str(interface), ("flight_breeze", "hummingbird"))
+    if vehicle in (None, "any", usual):
+        return scenario
+    if interface == "body_rates" and vehicle in VEHICLES:
+        return f"{scenario}@{vehicle}"
+    raise ValueError(f"{name} commands {interface} of the vehicle {vehicle}: give a --scenario with both")
 
 
-def _is_fast(policy: ADRC) -> bool:
-    """Return whether the observers amplify the rounding of the measurement."""
-    return max(gains.bandwidth for _, gains in policy.bank.observers) * policy.simulation.period > 1.0
+def _inner(adapted: Any) -> tuple[Any, InputPart]:
+    """Return a policy and what it reads: some fields, rates from differences, or the observation."""
+    if isinstance(adapted, FiniteDifferencePolicy):
+        return adapted.policy, adapted.part
+    if isinstance(adapted, SelectedFields):
+        return adapted.policy, observed_part(np.arange(OUTPUT_FEEDBACK_SIZE)[adapted.columns].tolist())
+    return adapted, observed_part(range(OUTPUT_FEEDBACK_SIZE))
+
+
+def _base(policy: Any) -> Any:
+    """Return the base controller of a hybrid that flies, or None."""
+    hybrid = getattr(policy, "hybrid", None)
+    return None if hybrid is None or isinstance(hybrid.controller, NoController) else hybrid.controller
+
+
+def _is_fast(policy: Any) -> bool:
+    """Return whether observers amplify the rounding of the measurement."""
+    adrc = policy if isinstance(policy, ADRC) else _base(policy)
+    return (
+        isinstance(adrc, ADRC)
+        and max(gains.bandwidth for _, gains in adrc.bank.observers) * adrc.simulation.period > 1.0
+    )
 
 
 def _observer(policy: Any) -> Any:
     """Return the Kalman observer of a policy; None without one."""
-    if isinstance(policy, MlpPolicy):
-        return None if policy.hybrid is None else getattr(policy.hybrid.controller, "estimator", None)
-    return getattr(policy, "estimator", None)
+    return getattr(_base(policy) if isinstance(policy, MlpPolicy) else policy, "estimator", None)
 
 
 def _double_forward(policy: MlpPolicy) -> Any:

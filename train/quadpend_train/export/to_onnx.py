@@ -20,10 +20,10 @@ def export_onnx(policy: Policy, out: Path) -> None:
         ValueError: The policy is no network, or has a base controller.
     """
     if not isinstance(policy, MlpPolicy):
-        raise ValueError("ONNX is for networks: use --to c")
+        raise ValueError("ONNX has networks alone: --to c writes ADRC, LQR, LQI, LQG, flatness and dual-mode")
     card = policy._card
     if policy.hybrid is not None:
-        raise ValueError("ONNX has the network alone, but this policy also has an observer: use --to c")
+        raise ValueError("ONNX has the network alone, but this policy also has an observer or a memory: use --to c")
     from onnx import TensorProto, helper, numpy_helper
 
     nodes: list[Any] = []

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
+from quadpend_baselines.hybrid.parts import InputPart, Seen
 from quadpend_baselines.policy.protocol import PolicyWrapper, episode_start_mask, fed_by_name
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.scenarios import Scenario
@@ -14,9 +15,41 @@ from quadpend_gym.tasks.observation import ObservationLayout
 _RATES = {"tracking_error_rate": "tracking_error", "direction_rate": "direction", "euler_rate": "attitude"}
 
 
+def _differences(
+    numbers: tuple[ObservationLayout, ObservationLayout, float], seen: Seen, memory: Any
+) -> tuple[Any, Any]:
+    read, given, period = numbers
+    full, continues = np.empty((len(memory), read.size)), memory[:, -1:] >= 1.0
+    values: list[Any] = []
+    for name, columns in read.columns.items():
+        source = given.columns[name if name in given else _RATES[name]]
+        if name in given:
+            full[:, columns] = seen.observation[:, source]
+            continue
+        value, first = seen.observation[:, source] * given.scale[source], 3 * len(values)
+        rate = (value - np.where(continues, memory[:, first : first + 3], value)) / period
+        if (
+            name == "euler_rate"
+        ):  # the third number of the attitude is the yaw error, but the rate is that of the yaw, ψ̇
+            yaw_rate = given.columns["yaw_reference"].start + 1
+            rate[:, 2] += seen.observation[:, yaw_rate] * given.scale[yaw_rate]
+        full[:, columns] = rate / read.scale[columns]
+        values.append(value)
+    return full, np.concatenate([*values, np.ones((len(full), 1))], axis=1)
+
+
+def difference_part(read: ObservationLayout, seen: ObservationLayout, period: float) -> InputPart:
+    """Return the fields `read` of which the rates are differences, for an observation of the fields `seen`.
+
+    The memory has the last values, and 1 after the first step of an episode. The control period is in s.
+    """
+    rates = sum(name not in seen for name in read)
+    return InputPart(read.size, 3 * rates + 1, _differences, (read, seen, period))
+
+
 class _Memory(NamedTuple):
     policy: Any
-    outputs: dict[str, Floats]  # the last values of the observed fields, shape (n, 3) each
+    inputs: Floats  # of the part
 
 
 class FiniteDifferencePolicy(PolicyWrapper):
@@ -34,28 +67,18 @@ class FiniteDifferencePolicy(PolicyWrapper):
 
     def __init__(self, policy: Policy, read: ObservationLayout, seen: ObservationLayout, period: float) -> None:
         super().__init__(policy)
-        self.read, self.seen, self.period = read, seen, period
-        self._sources = {name: _RATES[name] for name in read if name not in seen}
+        self.part = difference_part(read, seen, period)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
         """Return action and memory for observations of shape (n, m); see `quadpend_baselines.Policy.predict`."""
         started = episode_start_mask(episode_start, state is None, len(observation))[:, np.newaxis]
-        outputs = {name: self.seen.read(observation, name) for name in self._sources.values()}
-        full = np.empty((len(observation), self.read.size), np.float32)
-        for name, columns in self.read.columns.items():
-            if name in self.seen:
-                full[:, columns] = observation[:, self.seen.columns[name]]
-                continue
-            value = outputs[source := self._sources[name]]
-            last = value if state is None else np.where(started, value, state.outputs[source])
-            rate = (value - last) / self.period
-            if source == "attitude":  # its third number is the yaw error, but that of euler_rate is the yaw rate ψ̇
-                rate[:, 2] += self.seen.read(observation, "yaw_reference")[:, 1]
-            full[:, columns] = rate / self.read.scale[columns]
-        action, memory = self.policy.predict(full, state and state.policy, episode_start, deterministic)
-        return action, _Memory(memory, outputs)
+        last = np.where(started, 0.0, np.zeros((1, self.part.memory_size)) if state is None else state.inputs)
+        full, after = self.part.function(self.part.numbers, Seen(observation, *[None] * 4), last)
+        given = full.astype(np.float32), state and state.policy
+        action, memory = self.policy.predict(*given, episode_start, deterministic)
+        return action, _Memory(memory, after)
 
     def estimated_disturbance(self, memory: Any) -> Floats:
         """Return the estimate of the wrapped policy."""

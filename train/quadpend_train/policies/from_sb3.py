@@ -12,6 +12,7 @@ import torch
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from quadpend_baselines import Policy
+from quadpend_baselines.hybrid import HistoryOnly
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.envs.spaces import meaning_of
 from quadpend_gym.tasks.observation import PRESETS
@@ -37,6 +38,8 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
     layers, fields = read_layers(actor_modules(model))
     if not card.get("hybrid"):
         fields |= trained_for(model)
+        if history := meaning_of(model.observation_space).get("history"):
+            card["hybrid"] = {"kind": HistoryOnly.kind, "observations": history[0], "actions": history[1]}
     normalization = normalization_of(model, vec_normalize)
     if normalization is not None:
         fields["normalization"] = asdict(normalization)

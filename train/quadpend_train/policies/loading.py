@@ -17,6 +17,11 @@ from quadpend_train.policies.conversion import PROTOCOL, FactoryPolicy, ObjectPo
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.policies.normalization import statistics_files
 
+_UNKNOWN = (
+    "{} is neither a policy file (.npz) nor a model of Stable-Baselines3 (.zip): weights of torch, as of CleanRL, and"
+    " ONNX files fly by a function of yours, 'module:factory', which returns a FunctionPolicy"
+)
+
 
 def load_policies(names: str) -> list[Policy]:
     """Load one policy, or training seeds of one learned policy that commas separate."""
@@ -69,12 +74,21 @@ def load_policy(name: str) -> Policy:
     elif path.suffix == ".npz":
         policy = MlpPolicy.load(path)
     else:
-        raise ValueError(
-            f"{path} is neither a policy file (.npz) nor a model of Stable-Baselines3 (.zip): weights of torch, as of"
-            " CleanRL, and ONNX files fly by a function of yours, 'module:factory', which returns a FunctionPolicy"
-        )
+        raise ValueError(_UNKNOWN.format(path))
     policy.fingerprint = policy_fingerprint(name)
     return policy
+
+
+def model_file(name: str) -> Path:
+    """Return the model (.zip) that a policy file can be made of, see `load_policy`."""
+    if is_c(name) or name in CONTROLLERS or gains_file(name) or is_factory(name):
+        raise ValueError(f"{name} is no model of Stable-Baselines3 (.zip), of which a policy file can be made")
+    path = policy_file(name)
+    if path.suffix == ".npz":
+        raise ValueError(f"{path} is a policy file already: --to c and --to onnx convert it")
+    if path.suffix != ".zip":
+        raise ValueError(_UNKNOWN.format(path))
+    return path
 
 
 def policy_fingerprint(name: str) -> str:

@@ -23,7 +23,7 @@ from gymnasium import logger
 
 from quadpend_baselines import Policy
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
+from quadpend_baselines.hybrid import HistoryOnly, Hybrid, hybrid_from_data
 from quadpend_baselines.hybrid.wrapper import NO_HYBRID
 from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym import Simulation
@@ -118,7 +118,7 @@ class MlpPolicy(Policy):
         check_interface(self.card, scenario.simulation)
         if self.hybrid is None:
             return with_velocities(self, scenario)
-        if scenario.task.pendulum == "hanging":
+        if scenario.task.pendulum == "hanging" and not isinstance(self.hybrid, HistoryOnly):
             raise ValueError(NO_HYBRID)
         other = copy(self)
         other.hybrid = self.hybrid.flown_in(scenario.simulation, Loop.known(scenario))
@@ -147,7 +147,7 @@ class MlpPolicy(Policy):
 
     def estimated_disturbance(self, memory: Any) -> Floats:
         """Return the base controller's estimate of the disturbance, shape (n, 9); nan if none flies."""
-        if self.hybrid is None or not memory.controller:
+        if self.hybrid is None:
             return super().estimated_disturbance(memory)
         return np.asarray(self.hybrid.controller.estimated_disturbance(memory.controller))
 

@@ -61,11 +61,14 @@ def actor_modules(model: Any) -> list[torch.nn.Module]:
         return [*_multi_scale(policy), policy.mlp_extractor.policy_net, policy.action_net]
     if hasattr(policy, "actor") and hasattr(policy.actor, "latent_pi"):  # SAC, TQC
         return [*_multi_scale(policy.actor), policy.actor.latent_pi, policy.actor.mu, torch.nn.Tanh()]
-    if hasattr(policy, "actor"):  # TD3, DDPG
+    if isinstance(getattr(policy, "actor", None), torch.nn.Module) and hasattr(policy.actor, "mu"):  # TD3, DDPG
         return [policy.actor.mu]
     if hasattr(policy, "action_net") and not hasattr(policy, "lstm_actor"):  # ARS
         return [policy.action_net]
-    raise ValueError(f"the policy of {type(model).__name__} is not a feedforward network")
+    raise ValueError(
+        f"the policy of {type(model).__name__} is not a feedforward network of PyTorch: the model flies by its zip, but"
+        " it is not exported"
+    )
 
 
 def linear_layers(model: Any) -> list[torch.nn.Linear]:
