@@ -48,8 +48,8 @@ def controller_of(name: str, gains: Any, simulation: Simulation | None = None) -
 
 def gains_file(text: str) -> Path | None:
     """Return the file in a text NAME:FILE, such as ``"lqg:gains.json"``; None if the text is of another form."""
-    name, _, path = text.partition(":")
-    return Path(path) if name in CONTROLLERS and path.endswith(_FILES) else None
+    path = text.partition(":")[2]
+    return Path(path) if path.endswith(_FILES) else None
 
 
 def controller_from_text(text: str) -> Controller:

@@ -28,6 +28,8 @@ def test_gains_of_a_file_make_a_controller(tmp_path: Path) -> None:
     assert (policy.gains.effort, policy.gains.estimator.force_walk) == (0.03, 0.4)
     assert policy.gains.yaw == given.gains.yaw
     assert policy.fingerprint != given.fingerprint
+    with pytest.raises(ValueError, match=r"there is no controller 'lqx' \(did you mean 'lq.'\?\)"):
+        load_policy(f"lqx:{path}")
     path.write_text('{"efort": 0.03}')
     with pytest.raises(ValueError, match=r"gains.json: .* there is no gain 'efort' \(did you mean 'effort'\?\); there"):
         load_policy(f"lqg:{path}")
