@@ -13,6 +13,7 @@ from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.envs.step_kernel import KERNELS, STEP
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.tasks.task import TASKS
 from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
 
@@ -41,7 +42,7 @@ def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Fl
     observation = np.zeros((rows, OBSERVATION_SIZE), np.float32)
     settings = layout.pack_settings(TASK, plant, moves_air=True, has_sensors=False)
     inputs = memory, np.zeros(rows, np.int64), np.ascontiguousarray(x.wind.T), np.asarray(x.action, np.float32)
-    numbers = schedule.loops, np.zeros(0), settings
+    numbers = schedule.loops, np.zeros((POINT_SIZE, 0)), settings
     KERNELS[plant.kernel](STEP, *inputs, *numbers, observation, outcome, 0, rows)
     return memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_SIZE :], observation, outcome
 
