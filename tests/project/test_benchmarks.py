@@ -30,13 +30,11 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_speed_writes_a_rate_for_every_environment(brief: None, page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speed, "measure_start", lambda: {"import": 0.1})
-    monkeypatch.setattr(speed, "measure_training", lambda: {"quadpend": 2000.0, "free": 3000.0})
     speed.main()
     text = page.read_text(encoding="utf-8")
     assert "| environment | single | 1 | 4 |" in text
     for name in ("calm", "wind", "hummingbird", "everything", "CartPole-v1"):
         assert re.search(rf"\| {name} \| [\d,.–]+ \| [\d,.]+ \| [\d,.]+ \|", text)
-    assert "| quadpend | 2 k steps/s |" in text
     assert re.search(r"\| two threads / one, 4 sub-environments \| [\d.]+ × \|", text)
 
 
