@@ -1,1 +1,1 @@
-"""The `predict` protocol that all policies share, the rollout, and rotor allocation."""
+"""The `predict` protocol that all policies share, and the rollout of a policy."""

@@ -27,14 +27,15 @@ def evaluate(
 ) -> None:
     """Evaluate policies in the same episodes and compare them with the first policy.
 
-    A policy wins a scenario if its survival is significantly higher. If survival does not differ significantly, the
-    policy with the significantly smaller RMSE wins, over the episodes that both survive. The level is 5 % after Holm's
-    correction for the number of tests.
+    The ranking puts survival first, then the error of the survivors. A sentence for each policy says in which scenarios
+    it beats the first one: by survival or, if that does not differ significantly, by the RMSE over the episodes that
+    both survive. The level is 5 % after Holm's correction for the number of tests.
 
     Args:
-        policies: Classical controllers (adrc-paper, …), run folders, policy files (.npz, .zip),
-            or module:factory, a function of your own that returns a controller. NAME=POLICY gives a policy a
-            name; NAME=POLICY,POLICY,… combines the training seeds of one learner under a name.
+        policies: Classical controllers (adrc-paper, …), also with the gains of a file (lqg:gains.json), run folders,
+            policy files (.npz, .zip), C files of export (c:policy.c), or module:factory, a function of your own that
+            returns a controller. NAME=POLICY gives a policy a name; NAME=POLICY,POLICY,… combines the training seeds of
+            one learner under a name.
         scenarios: Scenarios: names, TOML or JSON files, JSON, or module:factory, a function of your own that returns
             a wind or a Scenario. NAME=SCENARIO gives a scenario a name; "test" and "training" stand for all scenarios
             of these sets.

@@ -20,7 +20,7 @@ from quadpend_train.policies.conversion import as_policy
 # `quadpend_train.training.callbacks.first_seed`.
 TEST_SEED = 1_000_000  # of results: the published ones, and the default of evaluations; these episodes select nothing
 TUNING_SEED = 2_000_000  # for the tuning of the classical controllers
-VALIDATION_SEED = 3_000_000  # for the evaluations during training and in sweeps, which select the best policy
+VALIDATION_SEED = 3_000_000  # for the evaluations during training, which select the best policy
 FALL_ERROR = 1.0  # m, RMSE that a fall counts as, and the upper limit of the penalised RMSE
 
 

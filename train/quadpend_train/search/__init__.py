@@ -1,1 +1,1 @@
-"""Searches for gains of controllers and for settings of learners."""
+"""Searches for gains of controllers."""
