@@ -61,8 +61,8 @@ def controller_from_text(text: str) -> Controller:
         return controller(text)
     found = read_mapping(path)
     changes = found.get("gains", found)
-    if not isinstance(changes, dict):
-        raise ValueError(f"{path}: gains must be a mapping, not {changes!r}")
+    if not isinstance(changes, dict) or not changes:
+        raise ValueError(f"{path}: gains must be a mapping of names to values, not {changes!r}")
     try:
         return controller(text.partition(":")[0], changes=flat(changes))
     except ValueError as error:

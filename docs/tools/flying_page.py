@@ -30,6 +30,7 @@ from quadpend_gym.physics.state import DIRECTION, EULER, POSITION, STATE_SIZE
 from quadpend_gym.physics.vectors import load
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.scenarios.scenario import wind_models
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
 from quadpend_gym.viewer.snapshot import shape_of
 from quadpend_train.export import to_c
 from quadpend_train.policies.loading import load_policy
@@ -52,9 +53,9 @@ _SECTION = b"\x06source"  # name of the section with the hash, after its length
 
 
 def design(vehicle: str) -> Scenario:
-    """Return the scenario for which the policies of a vehicle are designed."""
+    """Return the scenario for which the policies of a vehicle are designed, without velocities as in C."""
     name = VEHICLES[vehicle][0]
-    return find_scenarios([name])[name]
+    return replace(find_scenarios([name])[name], observation=OUTPUT_FEEDBACK)
 
 
 def flown(vehicle: str, **wind: Any) -> Scenario:
@@ -65,7 +66,6 @@ def flown(vehicle: str, **wind: Any) -> Scenario:
         "actuators": (),
         "wind_rise": 0.0,
         "unscored": 0.0,
-        "observation": "output_feedback",
     }
     return replace(design(vehicle), task=hover, wind={"kind": "constant", **wind}, **plain)
 

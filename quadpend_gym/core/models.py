@@ -75,6 +75,8 @@ class Registry:
                 return self.parse(self.presets[value])
             value = {"kind": value}
         if isinstance(value, Mapping):
+            if "kind" not in value:
+                raise ValueError(f"{self.name} as a mapping needs its kind, one of {', '.join(self.kinds)}: {value!r}")
             value = parse(self._class(value.get("kind")), value, self.name)
         if isinstance(value, list | tuple):
             return tuple(model for item in value for model in self.parse(item))

@@ -101,7 +101,8 @@ class QuadPendulumDeviceEnv(VectorEnv[Any, Any, Any]):
         self.device, self.dtype = torch.device("cpu" if device == "c" else device), _dtype(dtype)
         made = Kernel.of(self.scenario, kernel)
         self.library, self.sizes = Library(made.source, device, self.dtype), made.sizes
-        self.single_observation_space = observation_space(self.scenario.observation.size)
+        layout = self.scenario.observation
+        self.single_observation_space = observation_space(layout.size, layout=tuple(layout))
         meaning = {"interface": self.scenario.interface, "vehicle": self.scenario.vehicle.name}
         self.single_action_space = action_space(**meaning)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

@@ -68,9 +68,10 @@ def _parameter(name: str, value: Any, count: int) -> Floats:
 
 def _numbers(value: Any) -> Floats:
     try:
-        return np.asarray(value, np.float64)
-    except (TypeError, ValueError):  # text, or rows of different lengths
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
         return np.empty(0)
+    return array.astype(np.float64) if array.dtype.kind in "iuf" else np.empty(0)  # no texts and truth values
 
 
 def _field(name: str, value: Any, count: int) -> Floats:

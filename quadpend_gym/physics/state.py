@@ -108,4 +108,4 @@ def _fields(kind: type) -> dict[str, slice]:
     return {name: value.part for name, value in vars(kind).items() if isinstance(value, _Vector)}
 
 
-STATE_FIELDS, DISTURBANCE_FIELDS = _fields(State), _fields(Disturbance)
+STATE_FIELDS = _fields(State)

@@ -130,6 +130,8 @@ def as_scenario(value: Any, **parts: Any) -> Scenario:
     parts = _merged_parts(vars(scenario), parts)
     if vehicle := {name: parts.pop(name) for name in ("vehicle", "interface") if name in parts}:
         scenario = scenario.with_vehicle(**vehicle)
+    if "latency" in parts and "loop" not in parts and scenario.loop and scenario.loop.latency:
+        raise ValueError("latency: the scenario draws it for each episode: give loop={'latency': (low, high)} instead")
     return replace(scenario, **parts)
 
 

@@ -6,7 +6,7 @@ are powers of two, so the division has no rounding error. The tracking error is 
 world frame, as in the paper, (F_x − F_xd, F_y − F_yd, z − z_d): its horizontal part is that of the bob, its vertical
 part that of the quadrotor. ψ_e = ψ − ψ_d. The observation does not contain the wind.
 
-A further field is a row at the end of the table, written by `observe_state` or `observe_reference`.
+A further field is a row at the end of the table and a line in `observe_state` or `observe_reference`; no preset has it.
 """
 
 from collections.abc import Iterable
@@ -88,7 +88,12 @@ class ObservationLayout(tuple[str, ...]):
         return np.asarray(observation[..., columns] * self.scale[columns])
 
 
-FULL = ObservationLayout(FIELDS)
+FULL = ObservationLayout(
+    (
+        *("tracking_error", "tracking_error_rate", "direction", "direction_rate", "attitude", "euler_rate"),
+        *("reference_2", "reference_3", "reference_4", "reference_5", "reference_6", "yaw_reference"),
+    )
+)
 OUTPUT_FEEDBACK = ObservationLayout(name for name in FULL if not name.endswith("_rate"))  # no velocities
 PRESETS = {"full": FULL, "output_feedback": OUTPUT_FEEDBACK}
 
@@ -136,10 +141,10 @@ REFERENCE_START = OBSERVATION_FIELDS["reference_2"].start
 
 # First column of each field, as constants that compiled functions can read.
 _TRACKING_ERROR, _TRACKING_ERROR_RATE, _DIRECTION, _DIRECTION_RATE, _ATTITUDE, _EULER_RATE = (
-    ALL.columns[name].start for name in FIELDS if FIELDS[name].source == "state"
+    ALL.columns[name].start for name in FULL[:6]
 )
 _REFERENCE_2, _REFERENCE_3, _REFERENCE_4, _REFERENCE_5, _REFERENCE_6, _YAW_REFERENCE = (
-    ALL.columns[name].start for name in FIELDS if FIELDS[name].source == "reference"
+    ALL.columns[name].start for name in FULL[6:]
 )
 
 

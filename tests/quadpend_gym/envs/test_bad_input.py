@@ -32,6 +32,7 @@ BAD_OPTIONS: dict[str, tuple[Any, str]] = {
     "not a mapping": ({"state": np.zeros(18)}, "'state'.* must be a mapping"),
     "reference": ({"reference": "circle"}, "reference must be"),
     "unknown parameter": ({"parameters": {"mass": 1.0}}, "no parameter .mass.*; there are quadrotor_mass"),
+    "a truth value": ({"parameters": {"bob_mass": True}}, r"'bob_mass'.* a number from .* not True"),
     "negative mass": ({"parameters": {"bob_mass": -1.0}}, r"'bob_mass'.* a number from 1e-10 to 10000 kg, .* not -1.0"),
 }
 BAD_MASKS: dict[str, tuple[Any, str]] = {

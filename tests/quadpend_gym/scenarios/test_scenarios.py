@@ -287,3 +287,8 @@ def test_substeps_keep_their_length_when_only_the_period_changes() -> None:
         assert as_scenario(given, period=0.04).simulation.substeps == substeps
         assert as_scenario(given, period=0.04, substeps=10).simulation.substeps == 10
     assert Scenario(period=0.013).simulation.substeps == 3
+
+
+def test_a_latency_is_refused_where_every_episode_draws_its_own() -> None:
+    with pytest.raises(ValueError, match="latency: the scenario draws it for each episode"):
+        as_scenario("flight_late", latency=0.01)

@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from quadpend_gym.autopilots import as_autopilot
 from quadpend_gym.core.settings import Range
 from quadpend_gym.scenarios import Scenario, find_scenarios
+from quadpend_gym.scenarios.library import as_scenario
 from quadpend_gym.vehicles import doubts
 
 # Types of options with their ranges, which `checked` applies: a typing error must not use up the memory or the year.
@@ -57,7 +58,7 @@ def named_scenarios(
     if vehicle is not None or interface is not None:
         found = find_scenarios(scenario.with_vehicle(vehicle, interface) for scenario in found.values())
     if latency is not None:
-        late = (replace(one, latency=latency, name=f"{name} · {1e3 * latency:g} ms") for name, one in found.items())
+        late = (as_scenario(one, latency=latency, name=f"{name} · {1e3 * latency:g} ms") for name, one in found.items())
         found = find_scenarios(late)
     known = {(each.vehicle.name, doubt) for each in found.values() for doubt in doubts(each.simulation)}
     for name, sentence in sorted(known):

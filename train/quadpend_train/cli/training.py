@@ -149,9 +149,12 @@ def export(
         vec_normalize: File (.pkl) saved by VecNormalize, if the model was trained with it. The default is the one with
             a usual name beside the model. Loading it executes code that it contains.
     """
+    from quadpend_baselines.registry import gains_file
     from quadpend_train.policies.loading import load_policy, model_file
 
-    stem = Path(model).with_suffix("") if Path(model).suffix in (".zip", ".npz") else Path(Path(model).name)
+    gains = gains_file(model)
+    name = f"{model.partition(':')[0]}:{gains.name}" if gains else Path(model).name
+    stem = Path(model).with_suffix("") if Path(model).suffix in (".zip", ".npz") else Path(name)
     path = out or stem.with_suffix(".npz")
     if to == "c":
         path = out or stem.with_name(f"{re.sub('[^A-Za-z0-9]+', '_', stem.name)}.c")

@@ -140,8 +140,9 @@ class FactoryPolicy(Policy):
         takes = first is not None and (required or first.name == "simulation")
         made = call_factory(self.name, self.factory, *([scenario.simulation] if takes else []))
         policy, wrapper = made if isinstance(made, tuple) and len(made) == 2 else (made, None)
+        as_it_is = wrapper is not None and not isinstance(policy, Policy)  # it reads what its wrapper observes
         try:
-            adapted = as_policy(policy).adapt(scenario)
+            adapted = (ObjectPolicy(policy) if as_it_is else as_policy(policy)).adapt(scenario)
         except ValueError as error:
             raise ValueError(f"{self.name}: {error}") from error
         return adapted if wrapper is None else _InWrapper(adapted, wrapper)

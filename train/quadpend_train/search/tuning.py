@@ -27,6 +27,7 @@ from optuna.distributions import FloatDistribution
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import gains_for, scale_gains, tuning
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.policy.rollout import rollout
@@ -77,6 +78,7 @@ class Search:
             )
         simulation, self.hangs = found[0].simulation, found[0].task.pendulum == "hanging"
         self.designed = mirror_simulation(simulation) if self.hangs else simulation
+        self.seen = Loop(observation=Loop.known(found[0]).observation)  # no delays and lags
         self.env = concatenate_scenarios(found, episodes * len(found))
         ranges = search_space(name, simulation)
         self.present = gains_for(name, self.designed)
@@ -99,7 +101,7 @@ class Search:
 
     def policy(self, gains: dict[str, float]) -> Policy:
         """Return the controller with other gains, which does not know the delays and lags of the scenarios."""
-        policy = controller_of(self.name, changed(self.present, gains), self.designed)
+        policy = controller_of(self.name, changed(self.present, gains)).designed_for(self.designed, self.seen)
         return Hanging(policy) if self.hangs else policy
 
     def loss(self, trial: optuna.Trial) -> float:
