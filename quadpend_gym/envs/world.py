@@ -209,7 +209,7 @@ class World:
         self._set_reference(rows, options.references)
         keys, table = (self._seeds, self.episode), self._trajectories
         arguments = rows, *keys, *self._start_settings, self.parameters, self.reference, self.state
-        draw_starts(*arguments, table.points(rows, np.zeros(rows.size)), table.first)
+        draw_starts(*arguments, table.points(rows, self.clock[rows], self.simulation.period), table.first)
         for name, value in options.state.items():
             self.state[rows, STATE_FIELDS[name]] = value
         if "direction" in options.state or "direction_rate" in options.state:
@@ -278,7 +278,7 @@ class World:
         memory, clock = self._memory[rows], self.clock[rows] * self._plant_steps
         columns, schedule = np.zeros((self._columns_size, rows.size)), self.schedule
         inputs = memory, clock, columns, action, schedule.loops_of(rows)
-        points = self._trajectories.points(rows, self.simulation.period * self.clock[rows])
+        points = self._trajectories.points(rows, self.clock[rows], self.simulation.period)
         self._kernel(MEASURE, *inputs, points, self._settings, observation, outcome, 0, rows.size)
         if self.scenario.loop is not None:
             outcome[LOOP] = schedule.drawn[:, rows]
@@ -313,15 +313,16 @@ class World:
             if self._actuators.models:
                 action = self._actuate(action)
         columns, schedule = self._columns, self.schedule
-        schedule.advance(self.clock)
+        if is_drawn := self.scenario.loop is not None:
+            schedule.advance(self.clock)
         inputs = self._memory, self.clock, columns, action, schedule.loops
-        points = self._trajectories.points(slice(None), self.simulation.period * (self.clock + 1))
+        points = self._trajectories.points(slice(None), self.clock, self.simulation.period, 1)
         error = self._run(STEP, *inputs, points, self._settings, observation, outcome, 0, self.num_envs)
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")
             return self._step_clipped(error, action)
-        if self.scenario.loop is not None:
+        if is_drawn:
             outcome[LOOP, : self.num_envs] = schedule.drawn
         if self._sensors.models:
             self._sense()

@@ -24,7 +24,6 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
 from quadpend_gym.core.arrays import Floats, Integers
@@ -335,6 +334,9 @@ TrajectoryField = Parsed(
 )
 
 
+_NO_POINTS = np.empty((POINT_SIZE, 0))
+
+
 class TrajectoryTable:
     """Trajectories that n sub-environments follow, packed; each object is stored once.
 
@@ -365,15 +367,22 @@ class TrajectoryTable:
         self.numbers = np.concatenate([np.zeros(0), *distinct.values()])
         return True
 
-    def points(self, rows: Any, time: NDArray[Any]) -> Floats:
-        """Return the points of the sub-environments `rows` at times (s), shape (m,), as an array of shape (24, m).
+    def points(self, rows: Any, clock: Integers, period: float, later: int = 0) -> Floats:
+        """Return the points of the sub-environments `rows` as an array of shape (24, m).
 
         Without a trajectory of any sub-environment, its shape is (24, 0). Else numbers of sub-environments without one
         are not set.
+
+        Args:
+            rows: Indices, shape (m,).
+            clock: Their control steps since the episodes began, shape (m,).
+            period: Control period, s.
+            later: Further control steps until the time of the points.
         """
-        points = np.empty((POINT_SIZE, time.size if self.numbers.size else 0))
-        if self.numbers.size:
-            _follow(self.numbers, self.first[rows], time, points)
+        if not self.numbers.size:
+            return _NO_POINTS
+        points = np.empty((POINT_SIZE, clock.size))
+        _follow(self.numbers, self.first[rows], np.asarray(period * (clock + later), np.float64), points)
         return points
 
     def find(self, row: int) -> Trajectory | None:
