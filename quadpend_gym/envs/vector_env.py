@@ -180,8 +180,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the window, if there is one, and end the processes of an autopilot."""
-        if not hasattr(self, "recorder"):  # Gymnasium 1.2 also closes what the constructor has refused
-            return
         self.world.close()
         if self.recorder is not None:
             self.recorder.close()

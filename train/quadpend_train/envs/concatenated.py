@@ -20,7 +20,7 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     """
 
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
-        self.envs = list(envs)  # Gymnasium 1.2 closes it also if the constructor fails
+        self.envs = list(envs)
         first = envs[0]
         spaces = [env.single_observation_space for env in envs]
         if any(space != spaces[0] or meaning_of(space) != meaning_of(spaces[0]) for space in spaces):
