@@ -184,7 +184,7 @@ def coverage_table() -> str:
         *((f"mean, {name}", mean, _one_seed(draw), true) for name, (draw, true) in DRAWS.items()),
         (RARE, mean, rare, 0.01 + 0.99 * 0.02),
         *((f"survival of {100 * p:g} %", statistics.proportion, _survivals(p), p) for p in (0.9, 0.99)),
-        ("difference of survivals, 95 % and 90 %", _difference, _two_policies, 0.05),
+        ("loss of survival, 95 % against 90 %, bound", _loss, _two_policies, -0.05),
         *((f"mean over {n} training seeds, normal", mean, _training_seeds(n), 0.0) for n in (2, 5)),
     ]
     shared, own, rows = np.random.default_rng(1), np.random.default_rng(3), []
@@ -195,8 +195,8 @@ def coverage_table() -> str:
     return markdown_table(["interval", *(f"{n} episodes" for n in SIZES)], rows)
 
 
-def _difference(survived: Any) -> Any:
-    return statistics.paired_proportion(*survived)
+def _loss(survived: Any) -> Any:
+    return statistics.Interval(np.nan, -1.0, statistics.largest_loss(*survived))
 
 
 def error_table() -> str:

@@ -92,7 +92,7 @@ def test_the_ranking_orders_policies_of_known_quality(monkeypatch: pytest.Monkey
     comparison = compare(policies, ["calm", "hover"], 20)
     assert compare_pair(comparison.table, "unbiased", "biased").where(1) == ["calm", "hover"]
     assert [row.policy for row in comparison.ranking] == ["unbiased", "biased", "falling"]
-    assert [row.has_rank for row in comparison.ranking] == [True, True, False]
+    assert not any(row.has_rank for row in comparison.ranking)  # with 40 episodes
 
 
 def test_too_few_episodes_are_said_in_words() -> None:

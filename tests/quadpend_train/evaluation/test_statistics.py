@@ -12,10 +12,11 @@ from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.statistics import (
     Interval,
     holm,
+    largest_loss,
+    least_proportion,
     mean,
     p_proportion,
     p_value,
-    paired_proportion,
     proportion,
 )
 
@@ -30,14 +31,26 @@ def test_intervals_of_one_policy_agree_with_textbook_formulas() -> None:
     assert (low, high) == pytest.approx((values.mean() - half, values.mean() + half), abs=0.01)
 
 
-def test_the_interval_of_a_paired_difference_of_zero_has_a_width() -> None:
-    """Two policies that fall in the same episodes may still differ; Agresti and Min's interval accounts for that."""
-    survived = np.arange(200)[np.newaxis] > 3
-    value, low, high = paired_proportion(survived, survived)
-    assert value == 0.0
-    assert (low, high) == pytest.approx((-0.0097, 0.0097), abs=1e-4)
-    better = paired_proportion(survived | True, survived)
-    assert better.value == pytest.approx(4 / 200)
+def test_the_bounds_of_survival_and_of_its_loss_agree_with_published_formulas_and_limits() -> None:
+    """Clopper and Pearson 1934: (1 − 0.95)^(1/n) without a fall. Tango 1998 without a discordant pair: z²/(n + z²)."""
+    every, z = np.ones((1, 268), np.bool_), stats.norm.ppf(0.95)
+    assert least_proportion(every) == pytest.approx(0.05 ** (1 / 268))
+    assert least_proportion(~every) == 0.0
+    assert largest_loss(every, every) == pytest.approx(z**2 / (268 + z**2))
+    assert largest_loss(every, every) < 0.01 < largest_loss(every[:, 1:], every[:, 1:])
+    assert largest_loss(~every, every) == 1.0
+    assert largest_loss(every, ~every) < -0.98
+
+
+@pytest.mark.parametrize(
+    ("seeds", "episodes", "share", "other"), [(1, 300, 0.99, 1.0), (1, 300, 0.97, 0.98), (5, 200, 0.98, 0.99)]
+)
+def test_one_sided_bounds_are_seldom_on_the_wrong_side(seeds: int, episodes: int, share: float, other: float) -> None:
+    random, wrong = np.random.default_rng(5), np.zeros(2)
+    for _ in range(400):
+        survived, others = random.random((seeds, episodes)) < share, random.random((1, episodes)) < other
+        wrong += least_proportion(survived) > share, largest_loss(survived, others) < other - share
+    assert (wrong / 400 <= 0.075).all()
 
 
 def test_the_interval_of_a_learner_accounts_for_the_variance_of_its_training_seeds() -> None:
@@ -68,9 +81,8 @@ def test_nan_values_are_left_out() -> None:
     [
         (mean, lambda random: random.gamma(2.0, 1.0, (1, 100)), 2.0),
         (proportion, lambda random: random.random((1, 100)) < 0.9, 0.9),
-        (lambda x: paired_proportion(*x), lambda random: random.random((2, 1, 100)) < [[[0.9]], [[0.7]]], 0.2),
     ],
-    ids=["mean", "proportion", "paired proportion"],
+    ids=["mean", "proportion"],
 )
 def test_intervals_have_their_nominal_coverage(
     estimate: Callable[[Any], Interval], draw: Callable[[np.random.Generator], Any], truth: float
@@ -115,8 +127,7 @@ def test_the_test_of_survival_keeps_its_level_for_rare_falls_and_many_training_s
     for _ in range(200):
         learner, controller = random.random((10, 200)) > rate, random.random((1, 200)) > rate
         rejected += p_proportion(learner, controller) < 0.05
-        _, low, high = paired_proportion(learner, controller)
-        covered += low <= 0.0 <= high
+        covered += largest_loss(learner, controller) >= 0.0
     assert rejected <= 14
     assert covered >= 186
 

@@ -27,9 +27,9 @@ def evaluate(
 ) -> None:
     """Evaluate policies in the same episodes and compare them with the first policy.
 
-    The ranking puts survival first, then the error of the survivors. A sentence for each policy says in which scenarios
-    it beats the first one: by survival or, if that does not differ significantly, by the RMSE over the episodes that
-    both survive. The level is 5 % after Holm's correction for the number of tests.
+    The ranking puts survival first, then the error of the survivors in scenarios without events. A sentence for each
+    policy says in which scenarios it beats the first one: by survival or, if that does not differ significantly, by the
+    RMSE over the episodes that both survive. The level is 5 % after Holm's correction for the number of tests.
 
     Args:
         policies: Classical controllers (adrc-paper, …), also with the gains of a file (lqg:gains.json), run folders,
@@ -76,9 +76,5 @@ def evaluate(
     for sentence in tables.sentences(comparison):
         console.print(f"• {sentence}")
     if len(comparison.policies) > 1:
-        title = (
-            "Survival first: a policy with a rank falls no more often than the one that falls least, or survives at"
-            " most 0.5 % less with 95 % confidence; then the error of survivors, geometric mean over the scenarios"
-        )
-        console.print(tables.terminal_table(title, tables.ranking_rows(comparison)))
+        console.print(tables.terminal_table(tables.ranking_note(comparison), tables.ranking_rows(comparison)))
     console.print(f"Written: {out}/{', '.join(report.FILES)}")

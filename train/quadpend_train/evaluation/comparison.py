@@ -21,7 +21,7 @@ from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.linear_models import loop_margins, references
 from quadpend_train.evaluation.metrics import Cell, cells, rows, summarise
-from quadpend_train.evaluation.ranking import RankingRow, ranking
+from quadpend_train.evaluation.ranking import RankingRow, gentle, ranking
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.policies.conversion import as_policy
 from quadpend_train.policies.loading import check_policy, load_policies
@@ -113,7 +113,8 @@ def compare(
         "seed": seed,
     }
     errors = {cell: result.error for cell, result in results.items()}
-    limits = references(found) if all(scenario.unscored for scenario in found.values()) else {}
+    scored = {name: found[name] for name in gentle(list(found))}
+    limits = references(scored) if all(scenario.unscored for scenario in scored.values()) else {}
     return Comparison(table, errors, found, learners, margins, limits)
 
 

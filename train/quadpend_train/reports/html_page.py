@@ -18,7 +18,14 @@ from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.metrics import METRICS
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures
-from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, ranking_rows, sentences
+from quadpend_train.reports.tables import (
+    METRIC_COLUMNS,
+    draw_errors,
+    episodes_note,
+    ranking_note,
+    ranking_rows,
+    sentences,
+)
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
 
@@ -43,6 +50,7 @@ def write(comparison: Comparison, path: Path, replay: dict[str, Any] | None = No
             for name in comparison.scenarios
         },
         ranking=ranking_rows(comparison),
+        ranking_note=ranking_note(comparison),
         episodes_note=episodes_note(comparison),
         sentences=sentences(comparison),
         metrics={name: METRICS[name] for name in METRIC_COLUMNS},

@@ -9,9 +9,10 @@ from rich.text import Text
 
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
-from quadpend_train.evaluation.formatting import format_interval, markdown_table
+from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
 from quadpend_train.evaluation.metrics import METRICS
 from quadpend_train.evaluation.pairwise import compare_pair
+from quadpend_train.evaluation.ranking import LEAST, LOSS, gentle, too_few
 from quadpend_train.reports import figures
 
 # Metrics in the tables.
@@ -43,15 +44,27 @@ def with_margins(rows: Rows, comparison: Comparison) -> Rows:
 
 
 def ranking_rows(comparison: Comparison) -> Rows:
-    """Return the ranking; the policies without a rank survive less, or not everywhere, see `ranking`."""
-    reference = "reference" if comparison.references.keys() >= comparison.scenarios.keys() else "best policy's"
-    headings = ("rank", "policy", "survival (%)", "worst survival (%)", f"error (multiple of the {reference})")
+    """Return the ranking; the policies without a rank follow, see `quadpend_train.evaluation.ranking`."""
+    reference = (
+        "reference" if comparison.references.keys() >= {*gentle(list(comparison.scenarios))} else "best policy's"
+    )
+    headings = ("rank", "policy", "survival (%)", "survival bound (%)", f"error (multiple of the {reference})")
     rows: Rows = [(*headings, "falls", "effort")]
-    for rank, row in enumerate(comparison.ranking, 1):
-        worst = f"{format_interval(row.worst_survival)} {row.worst_scenario}"
-        intervals = format_interval(row.survival), worst, format_interval(row.multiple)
-        rows.append([str(rank) if row.has_rank else "–", row.policy, *intervals, str(row.falls), f"{row.effort:.2f}"])
+    for row in comparison.ranking:
+        bound = f"{format_number(row.least)} {row.group}"
+        cells = format_interval(row.survival), bound, format_interval(row.multiple), str(row.falls), f"{row.effort:.2f}"
+        rows.append([str(row.rank) if row.has_rank else "–", row.policy, *cells])
     return rows
+
+
+def ranking_note(comparison: Comparison) -> str:
+    """Return what a rank means, or that there are too few episodes to rank."""
+    return (
+        too_few(comparison.table)
+        or f"A rank needs a survival of at least {LEAST:.0%} in every group of scenarios with 95 % confidence (bound:"
+        f" that of the worst group). A policy stands above another only if it survives at most {LOSS:.0%} less with"
+        " 95 % confidence; then the lower error decides. Policies without such an order share a rank."
+    )
 
 
 def terminal_table(title: str, rows: Rows) -> Table:
@@ -70,7 +83,7 @@ def markdown(comparison: Comparison) -> str:
     lines = "\n".join(f"- {sentence}" for sentence in sentences(comparison))
     parts = [markdown_rows(metric_rows(comparison)), episodes_note(comparison), lines]
     if len(comparison.policies) > 1:
-        parts.append(markdown_rows(ranking_rows(comparison)))
+        parts += [markdown_rows(ranking_rows(comparison)), ranking_note(comparison)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
