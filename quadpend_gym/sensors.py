@@ -5,6 +5,9 @@ units. The observation is computed from the measured state and the current refer
 direction r also changes the observed tracking error of the bob, and a delayed position is compared with the current
 reference. Reward, termination and ``info`` use the true state.
 
+Behind the state, a measurement has the age of the sample (s), which is 0 before the first sensor. A sensor that gives
+an old sample again says how old it is; one that delays every sample, or that is frozen, does not.
+
 Several sensors act in the order in which they are listed: ``[Noise(position=0.002), Delay(2)]`` delays noisy samples.
 """
 
@@ -22,6 +25,7 @@ from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
 from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
 
+AGE, MEASURED_SIZE = STATE_SIZE, STATE_SIZE + 1  # column of the age, and number of columns of a measurement
 _LEVEL_STREAM = 1  # substream of the level of a `Noise`
 
 
@@ -30,8 +34,9 @@ class Sensor(Model, Protocol):
     """The interface of a sensor model, for a batch of n sub-environments. A base class is not needed."""
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Change the measured states of the current control step, shape (n, 18), columns contiguous, in place.
+        """Change the measurements of the current control step, shape (n, 19), columns contiguous, in place.
 
+        A measurement is the state, with the layout of `quadpend_gym.physics.state`, and the age of the sample in s.
         The other arguments are those of `Wind.sample`. `step` is 0 for the observation of a reset, and all blocks of
         the random streams from 1 on may be used.
         """
@@ -180,6 +185,12 @@ def _normalise(measured: Floats) -> None:
         measured[DIRECTION + 2, row] = size * z
 
 
+def hold_sample(measured: Floats, memory: Floats, held: Any, period: float) -> None:
+    """Replace the measurements of the rows `held`, a mask, by the last ones in `memory`, which are a period older."""
+    memory[:, AGE] += period
+    hold(measured, memory, held)
+
+
 @SENSORS.add
 @settings
 class Delay(ZeroInitialized):
@@ -190,8 +201,8 @@ class Delay(ZeroInitialized):
 
     @property
     def memory_size(self) -> int:
-        """One measured state for each delayed step."""
-        return self.steps * STATE_SIZE
+        """One measurement for each delayed step."""
+        return self.steps * MEASURED_SIZE
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace the sample by that of `steps` steps ago."""
@@ -205,12 +216,12 @@ class Dropout(ZeroInitialized):
 
     probability: Annotated[float, Range(0.0, 1.0)] = 0.1  # probability that a sample is lost
     kind: Literal["dropout"] = "dropout"
-    memory_size = STATE_SIZE  # the last sample received
+    memory_size = MEASURED_SIZE  # the last sample received
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace lost samples by the last sample received."""
         memory[step == 0] = measured[step == 0]
-        hold(measured, memory, streams.uniform(step + 1, 1)[:, 0] < self.probability)
+        hold_sample(measured, memory, streams.uniform(step + 1, 1)[:, 0] < self.probability, period)
 
 
 @SENSORS.add
@@ -224,7 +235,7 @@ class SampleHold(ZeroInitialized):
 
     period: Annotated[float, Range(1e-6, 1e6, "s")] = 0.02  # time from one sample to the next
     kind: Literal["sample_hold"] = "sample_hold"
-    memory_size = STATE_SIZE  # the last sample
+    memory_size = MEASURED_SIZE  # the last sample
 
     def steps(self, control_period: float) -> int:
         """Return the number of control steps from one sample to the next; `control_period` in s."""
@@ -239,7 +250,7 @@ class SampleHold(ZeroInitialized):
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace the measurement by the last sample."""
-        hold(measured, memory, step % self.steps(period) != 0)
+        hold_sample(measured, memory, step % self.steps(period) != 0, period)
 
 
 def check_periods(models: tuple[Any, ...], control_period: float) -> None:

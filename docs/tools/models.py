@@ -223,7 +223,7 @@ def _draw_sensors(figure: Any, models: tuple[Any, ...], seconds: float, seed: in
     def sense(sample: Floats, step: Integers, model: Any, memory: Floats, streams: Streams) -> None:
         model.sense(sample, memory, step, _PERIOD, streams)
 
-    measured = _apply(models, true, seed, sense)
+    measured = _apply(models, np.pad(true, ((0, 0), (0, 1))), seed, sense)  # with the age of the sample
     for axes, column, label in zip(
         figure.subplots(1, 2), (POSITION, DIRECTION), ("position x (m)", "direction r_x"), strict=True
     ):

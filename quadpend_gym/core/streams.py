@@ -22,6 +22,7 @@ Keys = NDArray[np.uint64]
 
 # Each purpose has its own stream, so that adding wind does not change starts and references.
 START_STREAM, REFERENCE_STREAM, WIND_STREAM, SENSOR_STREAM, ACTUATOR_STREAM, PARAMETER_STREAM, LOOP_STREAM = range(1, 8)
+JUMP_STREAM = 8
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _TWO_PI = 2.0 * np.pi

@@ -48,18 +48,21 @@ from quadpend_gym.physics.state import (
 from quadpend_gym.physics.vectors import load
 from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
+from quadpend_gym.sensors import AGE
 from quadpend_gym.tasks import rewards
 from quadpend_gym.tasks.observation import (
     ALL,
     Target,
+    observe_measured,
     observe_reference,
     observe_state,
+    observe_target,
     tracking_errors,
 )
 from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_reference
 from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
 from quadpend_gym.tasks.trajectories import is_one_term, reference_at
-from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
+from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 
 _NOUNS = {"act": "actuator", "wind": "wind", "sense": "sensor"}
@@ -145,6 +148,8 @@ class _Generator:
             )
         if scenario.loop is not None and scenario.loop.rotor_lag is not None:
             raise ValueError("device: the generated kernel does not draw loop.rotor_lag: leave it out")
+        if self.task.jumps is not None:
+            raise ValueError("device: the generated kernel does not let references jump: leave task.jumps out")
         if self.task.trajectory is not None and not is_one_term(self.task.trajectory):
             raise ValueError(
                 "device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference without terms"
@@ -269,7 +274,7 @@ class _Generator:
         step, period = self._step(0), simulation.period
         act = self._apply(draws, "act", lambda *_: None, ())
         wind = self._apply(draws, "wind", lambda *_: None, ())
-        measured = rows(state[:, 0])
+        measured = rows([*state[:, 0], 0.0])
         sense = self._apply(draws, "sense", lambda model, *own: model.sense(measured, own[0], step, period, own[1]), ())
         queue = [0.0] * self.sizes["queue"] + [0.0] * self.sizes["arrival"]
         loop = []
@@ -278,15 +283,18 @@ class _Generator:
             latency, *factors = lift_model(self.loop, draws.replaced).draw(stream)[0]
             loop = [*lift(loop_numbers)(simulation, *factors), latency]
         memory = [*x, *act, *wind, *sense, *queue, *parameters, *list(reference[:, 0]), *loop]
-        return ca.vertcat(*memory), self._observe(measured, parameters[ROD_LENGTH], point)
+        return ca.vertcat(*memory), self._observe(measured, parameters, point)
 
     @staticmethod
     def _step(number: Any) -> Any:
         return rows([ca.SX(number)])[0]
 
-    def _observe(self, measured: Any, rod_length: Any, point: Any) -> Any:
+    def _observe(self, measured: Any, parameters: Any, point: Any) -> Any:
         state, out = columns(list(measured[0])), columns([], ALL.size)
-        tracking = lift(tracking_errors)(state, 0, rod_length, Target(point.d0, point.d1, point.yaw))
+        tracking = lift(tracking_errors)(state, 0, parameters[ROD_LENGTH], Target(point.d0, point.d1, point.yaw))
+        believed = parameters if self.scenario.pole_told else self.simulation.parameters.as_array()
+        lift(observe_target)(point, believed[ROD_LENGTH], believed[BOB_MASS], 0, out)
+        lift(observe_measured)(state, 0, state[AGE, 0], out, 0)
         lift(observe_state)(state, 0, tracking, out, 0)
         lift(observe_reference)(point, 0, out)
         return ca.vertcat(*out[ALL.select(self.scenario.observation), 0])
@@ -357,13 +365,13 @@ class _Generator:
         ended = ca.fmax(lost, lift(step_kernel.is_outside)(lanes, 0, tracking.error, rod_length, limits))
         terms = lift(rewards.reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(issued), 0, weights.tip)
         reward = lift(rewards.reward)(terms, cosine, lift(load)(lanes, DIRECTION_RATE, 0), weights)
-        measured, step = rows(list(lanes[:STATE_SIZE, 0])), self._step(draws.clock + 1)
+        measured, step = rows([*lanes[:STATE_SIZE, 0], 0.0]), self._step(draws.clock + 1)
         period = simulation.period
         sense = self._apply(draws, "sense", lambda model, *own: model.sense(measured, own[0], step, period, own[1]))
         return {
             "x": after,
             "sense": ca.vertcat(*sense),
-            "observation": self._observe(measured, rod_length, point),
+            "observation": self._observe(measured, parameters, point),
             "reward": reward,
             "ended": ended,
             "error": vector(tracking.error),

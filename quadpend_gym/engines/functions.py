@@ -41,8 +41,10 @@ from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.tasks.observation import (
     ALL,
     Target,
+    observe_measured,
     observe_reference,
     observe_state,
+    observe_target,
     tracking_errors,
 )
 from quadpend_gym.tasks.references import POINT_SIZE, REFERENCE_SIZE, ReferencePoint, load_point
@@ -50,7 +52,7 @@ from quadpend_gym.tasks.rewards import reward, reward_terms
 from quadpend_gym.tasks.task import Task
 from quadpend_gym.tasks.trajectories import reference_at
 from quadpend_gym.vehicles import Simulation
-from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
+from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 
 
@@ -125,13 +127,16 @@ def _errors(state: Any, parameters: Any, point: ReferencePoint) -> Any:
 def observation_function() -> Any:
     """Return the observation and its first part in metres, (state, parameters, point) → (observation, tracking_error).
 
-    The observation has all fields, `quadpend_gym.tasks.observation.ALL`, not rounded to float32.
+    The observation has all fields, `quadpend_gym.tasks.observation.ALL`, not rounded to float32, of a sample of age 0
+    and with the true pole.
     """
     x = _symbols(state=STATE_SIZE, parameters=PARAMETERS_SIZE, point=POINT_SIZE)
     state, point, out = columns(x["state"]), lift(load_point)(columns(x["point"]), 0), columns([], ALL.size)
     tracking = _errors(state, x["parameters"], point)
     lift(observe_state)(state, 0, tracking, out, 0)
     lift(observe_reference)(point, 0, out)
+    lift(observe_measured)(state, 0, 0.0, out, 0)
+    lift(observe_target)(point, x["parameters"][ROD_LENGTH], x["parameters"][BOB_MASS], 0, out)
     return _function("observation", x, observation=vector(out), tracking_error=vector(tracking.error))
 
 

@@ -19,7 +19,6 @@ from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.library import as_scenario
 from quadpend_gym.scenarios.scenario import Scenario
-from quadpend_gym.tasks.observation import ALL
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
 _METADATA = {"render_modes": ["human", "rgb_array"], "render_fps": round(1.0 / CONTROL_PERIOD)}
@@ -133,7 +132,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         layout = self.scenario.observation
         self.observation_space = observation_space(layout.size, layout=tuple(layout))
         self.action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
-        self._observed = 0, ALL.select(layout)
+        self._observed = 0, self.world.observed.select(layout)
         self._steps: float = self.scenario.steps  # after which the environment truncates an episode
         self._seeded = False
 

@@ -22,15 +22,17 @@ MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE
 MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
 MEMORY_TRAJECTORY = MEMORY_REFERENCE.stop  # `TrajectoryTable.first`
 MEMORY_DIVERGED = MEMORY_TRAJECTORY + 1  # above zero if the state has diverged since the last measurement
-MEMORY_SIZE = MEMORY_DIVERGED + 1
+MEMORY_POLE = slice(MEMORY_DIVERGED + 1, MEMORY_DIVERGED + 3)  # length (m) and mass (kg) that a policy believes
+MEMORY_SIZE = MEMORY_POLE.stop
 # The row goes on with what a vehicle has besides the state (`PlantKernel.memory_size`), and ends with the actions that
 # can still act, the oldest first, four numbers each (`loops.Schedule`).
 
 # Sensed values of each sub-environment, an array column of SENSED_SIZE numbers: the target and the rod length (m),
-# from which the tracking error is computed, and the state as the sensors report it.
+# from which the tracking error is computed, the state as the sensors report it, and the age of this sample (s).
 SENSED_ROD_LENGTH = TARGET_SIZE
 SENSED_STATE = slice(SENSED_ROD_LENGTH + 1, SENSED_ROD_LENGTH + 1 + STATE_SIZE)
-SENSED_SIZE = SENSED_STATE.stop
+SENSED_AGE = SENSED_STATE.stop
+SENSED_SIZE = SENSED_AGE + 1
 
 
 class KernelLimits(NamedTuple):

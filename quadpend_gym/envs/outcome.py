@@ -11,7 +11,7 @@ The outcome has one column for each sub-environment. Vectors are in the world fr
 | TRACKING_ERROR | e               | 4–6   | m      | error of the flat outputs                                       |
 | TILT           | α               | 7     | rad    | angle of the pendulum from its side, by default from upright    |
 | REWARD         |                 | 8     | 1      | weighted mean of the terms                                      |
-| TERMINATED     |                 | 9     | 1      | 1 if the episode terminated, else 0                             |
+| TERMINATED     |                 | 9     | 1      | cause of an early end, a place in `CAUSES`, else 0              |
 | DISTURBANCE    | d_Q, d_B, d_τ   | 10–18 | N, N·m | forces and torque during the step, drag included                |
 | AIR_VELOCITY   | v               | 19–21 | m/s    | velocity of the air                                             |
 | PARAMETERS     |                 | 22–30 | SI     | physical parameters, in the order of `Parameters`               |
@@ -31,6 +31,9 @@ from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 TRACKING_TERM, UPRIGHT_TERM, YAW_TERM, EFFORT_TERM = range(4)
 TRACKING_ERROR = slice(EFFORT_TERM + 1, EFFORT_TERM + 4)
 TILT, REWARD, TERMINATED = range(TRACKING_ERROR.stop, TRACKING_ERROR.stop + 3)
+# What ends an episode early, see `quadpend_gym.tasks.Limits`.
+CAUSES = ("none", "tilt of the pole", "tilt of the body", "distance", "ground", "diverged")
+POLE, BODY, DISTANCE, GROUND, DIVERGED = 1.0, 2.0, 3.0, 4.0, 5.0
 DISTURBANCE = slice(TERMINATED + 1, TERMINATED + 1 + DISTURBANCE_SIZE)
 AIR_VELOCITY = slice(DISTURBANCE.stop, DISTURBANCE.stop + 3)
 PARAMETERS = slice(AIR_VELOCITY.stop, AIR_VELOCITY.stop + PARAMETERS_SIZE)
@@ -49,6 +52,7 @@ class StepInfo:
     - ``tilt``: angle α of the pendulum from its side, by default from upright, rad.
     - ``disturbance``: force on the quadrotor, force on the bob (N, world frame) and torque (N·m) during the step.
     - ``reward_terms``: the four terms of the reward by name.
+    - ``cause``: what ended the episode early, a place in `CAUSES`; 0 if it goes on or was truncated.
 
     Args:
         air_velocity: Whether the info has ``air_velocity``, the velocity of the air, m/s, world frame.
@@ -74,6 +78,7 @@ class StepInfo:
             "tracking_error": outcome[TRACKING_ERROR],
             "tilt": scalars[TILT],
             "disturbance": outcome[DISTURBANCE],
+            "cause": scalars[TERMINATED],
             "reward_terms": {
                 "tracking": scalars[TRACKING_TERM],
                 "upright": scalars[UPRIGHT_TERM],

@@ -44,12 +44,16 @@ from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, P
 from quadpend_gym.physics.vectors import Vec3, load, norm, store, store_four
 from quadpend_gym.tasks.observation import (
     ALL,
+    FULL,
+    LAB_STATE_COLUMNS,
     STATE_COLUMNS,
     Target,
     TrackingErrors,
     load_target,
+    observe_measured,
     observe_reference,
     observe_state,
+    observe_target,
     store_target,
     tracking_errors,
 )
@@ -61,11 +65,11 @@ from quadpend_gym.wind import WIND_SIZE
 
 # Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and what the
 # vehicle has besides, the action, the reference, the time, and whether the state has diverged.
-_SENSED = slice(rows.OUTCOME_SIZE, rows.OUTCOME_SIZE + layout.SENSED_SIZE)
+_SENSED = slice(rows.OUTCOME_SIZE, rows.OUTCOME_SIZE + layout.SENSED_AGE)
 _STATE, _ACTION, _REFERENCE, _TIME, _LOST, _END = accumulate(
     (rows.OUTCOME_SIZE + layout.SENSED_STATE.start, RIGID_KERNEL.lane_size, ACTION_SIZE, REFERENCE_SIZE, 1, 1)
 )
-_OBSERVED = ALL.size  # rows of the buffer of the observation
+_OBSERVED, _USUAL = ALL.size, FULL.size  # rows of the buffer of the observation; the others are those of a lab
 _WIND = slice(rows.DISTURBANCE.start, rows.AIR_VELOCITY.stop)
 _TRACKING_ERROR = rows.TRACKING_ERROR.start  # first row, for `store`
 
@@ -96,12 +100,12 @@ def has_diverged(state: Any, lane: int) -> float:
 
 @inlined
 def is_outside(state: Any, lane: int, error: Vec3, rod_length: float, limits: layout.KernelLimits) -> float:
-    """Return 1 if the state is outside the task's limits, else 0."""
+    """Return the limit of the task that the state exceeds, a place in `outcome.CAUSES`, or 0."""
     height, vertical = state[POSITION + 2, lane], state[DIRECTION + 2, lane]
-    found = select(min(height, height + limits.reach * rod_length * vertical) <= limits.ground, 1.0, 0.0)
-    found = select(norm(error) > limits.tracking_error, 1.0, found)
-    found = select(state[THRUST_AXIS + 2, lane] < limits.cos_body_angle, 1.0, found)
-    return select(limits.side * vertical < limits.cos_pendulum_angle, 1.0, found)
+    found = select(min(height, height + limits.reach * rod_length * vertical) <= limits.ground, rows.GROUND, 0.0)
+    found = select(norm(error) > limits.tracking_error, rows.DISTANCE, found)
+    found = select(state[THRUST_AXIS + 2, lane] < limits.cos_body_angle, rows.BODY, found)
+    return select(limits.side * vertical < limits.cos_pendulum_angle, rows.POLE, found)
 
 
 @inlined
@@ -237,11 +241,19 @@ def _run(
                         _measure_at(point, state_lanes, action_lanes, length, lane, task, *out)
             for lane in range(lanes):
                 if memory[first + lane, layout.MEMORY_DIVERGED] > 0.0:
-                    buffer[rows.TERMINATED, lane] = 1.0
+                    buffer[rows.TERMINATED, lane] = rows.DIVERGED
                     memory[first + lane, layout.MEMORY_DIVERGED] = 0.0
             _copy(buffer, lanes, outcome[:, first:])
+            if observation.shape[1] > _USUAL:
+                for lane in range(lanes):
+                    row, point = memory[first + lane], reference_at(reference_lanes, lane, time[lane])
+                    if points.shape[1] > 0 and row[layout.MEMORY_TRAJECTORY] >= 0.0:
+                        point = load_point(points, first + lane)
+                    length, mass = row[layout.MEMORY_POLE.start], row[layout.MEMORY_POLE.start + 1]
+                    observe_target(point, length, mass, lane, observation_lanes)
+                    observe_measured(state_lanes, lane, 0.0, observation_lanes, lane)
             if task.has_sensors:
-                _copy(sensed_lanes, lanes, sensed[:, first:])
+                _copy(sensed_lanes, lanes, sensed[: layout.SENSED_AGE, first:])
             else:
                 for lane in range(lanes):
                     target, rod_length = load_target(sensed_lanes, lane), physics_lanes[ROD_LENGTH, lane]
@@ -276,14 +288,14 @@ def run_euler(
         memory: State, parameters, reference, what the vehicle has besides, and actions under way of each
             sub-environment, shape (n, k), see `kernel_layout`; changed in place.
         clock: Control steps since each episode began, shape (n,), changed in place.
-        columns: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (12, n). With sensors 26
-            further rows, an output: `observe_sensed` then writes the state's part of the observation, once the
-            sensors have changed the state in these rows.
+        columns: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (12, n). With sensors 27
+            further rows, an output but for the age of the samples in the last one: `observe_sensed` then writes the
+            state's part of the observation, once the sensors have changed the state in these rows.
         action: Shape (n, 4), each component in [−1, 1]; the reward counts it, even where it acts later.
         loops: The loop of each sub-environment, shape (10 + s, n), or of all, shape (10 + s, 1), see `plant_kernel`.
         points: `TrajectoryTable.points` at the time of `MEASURE`.
         settings: A packed `EulerStepSettings`.
-        observation: Output, shape (n, m), laid out as `quadpend_gym.tasks.observation.ALL`.
+        observation: Output, shape (n, m), laid out as `quadpend_gym.tasks.observation.ALL`, or as `FULL`.
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
         begin: A multiple of 64.
         end: A multiple of 64, or n.
@@ -324,7 +336,7 @@ KERNELS: dict[PlantKernel, Any] = {EULER_KERNEL: run_euler, RIGID_KERNEL: run_ri
 def observe_sensed(columns: Floats, observation: Floats32) -> None:
     """Write the part of the observation, shape (n, m), that depends on the state, from the sensed state.
 
-    `columns` is the array that a step has written and the sensors have changed, shape (38, n).
+    `columns` is the array that a step has written and the sensors have changed, shape (39, n).
     """
     sensed = columns[WIND_SIZE:]
     state, lanes = sensed[layout.SENSED_STATE], np.empty((_OBSERVED, BLOCK), np.float32)
@@ -338,3 +350,8 @@ def observe_sensed(columns: Floats, observation: Floats32) -> None:
         for lane in range(size):
             for field in STATE_COLUMNS:
                 observation[first + lane, field] = lanes[field, lane]
+        if observation.shape[1] > _USUAL:
+            for lane in range(size):
+                observe_measured(state, first + lane, sensed[layout.SENSED_AGE, first + lane], lanes, lane)
+                for field in LAB_STATE_COLUMNS:
+                    observation[first + lane, field] = lanes[field, lane]

@@ -20,7 +20,6 @@ from quadpend_gym.envs.spaces import action_space, observation_space
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.library import as_scenario
-from quadpend_gym.tasks.observation import ALL
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
 _METADATA = {"render_modes": ["human", "rgb_array", "mosaic"], "render_fps": round(1.0 / CONTROL_PERIOD)}
@@ -83,7 +82,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.single_action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._columns = ALL.select(layout)
+        self._columns = self.world.observed.select(layout)
         self._ended = np.zeros(num_envs, np.bool_)
         self._seeded = np.zeros(num_envs, np.bool_)
 

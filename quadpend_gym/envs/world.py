@@ -23,15 +23,24 @@ from gymnasium.vector import VectorEnv
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.packing import pack
-from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
+from quadpend_gym.core.streams import (
+    ACTUATOR_STREAM,
+    JUMP_STREAM,
+    PARAMETER_STREAM,
+    SENSOR_STREAM,
+    WIND_STREAM,
+    Streams,
+)
 from quadpend_gym.envs.autopilot import AutopilotRows
 from quadpend_gym.envs.inputs import NO_ERROR, clip_rounding, find_error, raise_step_error
 from quadpend_gym.envs.kernel_layout import (
     MEMORY_PARAMETERS,
+    MEMORY_POLE,
     MEMORY_REFERENCE,
     MEMORY_SIZE,
     MEMORY_STATE,
     MEMORY_TRAJECTORY,
+    SENSED_AGE,
     SENSED_SIZE,
     SENSED_STATE,
     pack_settings,
@@ -42,17 +51,21 @@ from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
 from quadpend_gym.envs.step_kernel import KERNELS, MEASURE, STEP, observe_sensed, run_rigid
 from quadpend_gym.envs.threads import run_in_threads
 from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
+from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
-from quadpend_gym.tasks.observation import ALL
+from quadpend_gym.tasks.jumps import JumpingRows
+from quadpend_gym.tasks.observation import ALL, FULL
 from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_references
 from quadpend_gym.tasks.starts import draw_starts, start_pole
 from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable, is_one_term
 from quadpend_gym.vehicles import PARAMETER_NAMES
+from quadpend_gym.vehicles.parameters import BOB_MASS, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 
-_SENSED_STATE = slice(WIND_SIZE + SENSED_STATE.start, WIND_SIZE + SENSED_STATE.stop)  # rows of `World._columns`
+# Rows of `World._columns`: the sensed state, and what sensors change of it, with the age of the sample.
+_SENSED_STATE = slice(WIND_SIZE + SENSED_STATE.start, WIND_SIZE + SENSED_STATE.stop)
+_SAMPLE = slice(_SENSED_STATE.start, _SENSED_STATE.stop + 1)
 
 
 class World:
@@ -71,6 +84,8 @@ class World:
         episode: Number of the current episode of each sub-environment since it was seeded, shape (n,); −1 before the
             first.
         schedule: Which action acts when, and the loops of the episodes.
+        observed: The fields of the observations that `observe` and `step` return: `FULL`, or `ALL` where the scenario
+            observes another one.
         step_info: Reads `info` from an outcome.
     """
 
@@ -90,13 +105,16 @@ class World:
         under_way = ACTION_SIZE * (self.schedule.slots - 1)
         self._memory = np.zeros((num_envs, MEMORY_SIZE + self._plant.memory_size + under_way))
         self.parameters[:] = simulation.parameters.as_array()
-        self._observation_like = (num_envs, ALL.size), np.dtype(np.float32)
+        self.observed = FULL if set(scenario.observation) <= set(FULL) else ALL
+        self._observation_like = (num_envs, self.observed.size), np.dtype(np.float32)
         self.clock = np.zeros(num_envs, np.int64)
         self.episode = np.full(num_envs, -1, np.int64)
         self._seeds = np.zeros(num_envs, np.uint64)
         self._reference_ranges = pack(astuple(task.references))
         self._start_settings = pack(astuple(task.start)), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
+        self._jumps = None if task.jumps is None else JumpingRows(task.jumps, num_envs, simulation.period)
+        self._offsets = np.zeros((num_envs, 4))  # of the channels of the references without jumps
         ranges, actuators = scenario.parameters, scenario.actuators
         self._parameter_ranges = ranges.ranges(simulation.parameters) if isinstance(ranges, Around) else ranges
         self._sensors = ModelBatch(scenario.sensors, num_envs)
@@ -187,8 +205,13 @@ class World:
         self.parameters[rows] = nominal if ranges is None else ranges.draw(nominal, streams.derive(PARAMETER_STREAM))
         for name, numbers in options.parameters.items():
             self.parameters[rows, PARAMETER_NAMES.index(name)] = numbers
+        believed = self.parameters[rows] if self.scenario.pole_told else nominal.as_array()
+        self._memory[rows, MEMORY_POLE] = believed[..., [ROD_LENGTH, BOB_MASS]]
         self.schedule.start_episodes(rows, streams)
         self._set_start(rows, options)
+        if self._jumps is not None:
+            self._offsets[rows] = self.reference[rows, : self._offsets.shape[1]]
+            self._jumps.start_episodes(rows, streams.derive(JUMP_STREAM))
         if self._wind_models.models:
             self._start_wind(rows, streams.derive(WIND_STREAM))
         if self._actuators.models:
@@ -249,15 +272,17 @@ class World:
         self._wind_models.apply(lambda model, memory, random: model.sample(wind, memory, self.clock, period, random))
 
     def _start_sensors(self, rows: Integers, streams: Streams) -> None:
-        period, step, measured = self.simulation.period, self.clock[rows], np.asfortranarray(self.state[rows])
+        period, step, measured = self.simulation.period, self.clock[rows], np.zeros((STATE_SIZE + 1, rows.size)).T
+        measured[:, :STATE_SIZE] = self.state[rows]
         self._sensors.start_episodes(
             rows, streams, lambda model, memory, random: model.sense(measured, memory, step, period, random)
         )
-        self.measured[rows] = measured
+        self._columns[_SAMPLE, rows] = measured.T
 
     def _sense(self) -> None:
-        """Let the sensors change the states that the kernel wrote into `measured`."""
-        period, measured = self.simulation.period, self.measured
+        """Let the sensors change the states that the kernel wrote, and their ages."""
+        period, measured = self.simulation.period, self._columns[_SAMPLE].T
+        self._columns[WIND_SIZE + SENSED_AGE] = 0.0
         self._sensors.apply(lambda model, memory, random: model.sense(measured, memory, self.clock, period, random))
 
     def _actuate(self, action: Floats32) -> Floats32:
@@ -266,24 +291,36 @@ class World:
         self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, simulation, random))
         return out.astype(np.float32, order="C")
 
+    def _jump(self, jumps: JumpingRows) -> None:
+        """Let the references jump at which the next step looks."""
+        if (rows := jumps.jump(self.clock + 1)).size:
+            self.reference[rows, : self._offsets.shape[1]] = self._offsets[rows] + jumps.offset[rows]
+
+    def _points(self, rows: Any, clock: Integers, later: int = 0) -> Floats:
+        """Return the points of the trajectories, see `TrajectoryTable.points`, with the jumps."""
+        points = self._trajectories.points(rows, clock, self.simulation.period, later)
+        if self._jumps is not None and points.shape[1]:
+            points[[0, 1, 2, 21]] += self._jumps.offset[rows].T
+        return points
+
     def observe(self, rows: Integers) -> tuple[Floats32, Floats]:
         """Return observation and outcome of the sub-environments `rows`, shapes (m, j) and (k, m), before a step.
 
-        The observation has all fields, `quadpend_gym.tasks.observation.ALL`. The outcome is that of a zero action in
-        calm air, since no action or wind has led to the first state of an episode.
+        The observation has the fields `observed`. The outcome is that of a zero action in calm air, since no action or
+        wind has led to the first state of an episode.
         """
-        observation = np.empty((rows.size, ALL.size), np.float32)
+        observation = np.empty((rows.size, self.observed.size), np.float32)
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
         memory, clock = self._memory[rows], self.clock[rows] * self._plant_steps
         columns, schedule = np.zeros((self._columns_size, rows.size)), self.schedule
         inputs = memory, clock, columns, action, schedule.loops_of(rows)
-        points = self._trajectories.points(rows, self.clock[rows], self.simulation.period)
+        points = self._points(rows, self.clock[rows])
         self._kernel(MEASURE, *inputs, points, self._settings, observation, outcome, 0, rows.size)
         if self.scenario.loop is not None:
             outcome[LOOP] = schedule.drawn[:, rows]
         if self._sensors.models:
-            columns[_SENSED_STATE] = self._columns[_SENSED_STATE, rows]
+            columns[_SAMPLE] = self._columns[_SAMPLE, rows]
             observe_sensed(columns, observation)
         return observation, outcome
 
@@ -295,7 +332,7 @@ class World:
                 rounding of float32, is clipped.
 
         Returns:
-            The observation of all fields, shape (n, j), and the outcome, shape (k, n), whose rows
+            The observation with the fields `observed`, shape (n, j), and the outcome, shape (k, n), whose rows
             `quadpend_gym.envs.outcome` names.
 
         Raises:
@@ -315,8 +352,10 @@ class World:
         columns, schedule = self._columns, self.schedule
         if is_drawn := self.scenario.loop is not None:
             schedule.advance(self.clock)
+        if self._jumps is not None:
+            self._jump(self._jumps)
         inputs = self._memory, self.clock, columns, action, schedule.loops
-        points = self._trajectories.points(slice(None), self.clock, self.simulation.period, 1)
+        points = self._points(slice(None), self.clock, 1)
         error = self._run(STEP, *inputs, points, self._settings, observation, outcome, 0, self.num_envs)
         if error != NO_ERROR:
             if self._actuators.models:

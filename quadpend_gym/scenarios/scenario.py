@@ -58,8 +58,9 @@ class Scenario:
     duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0  # length of an episode
     wind_rise: Annotated[float, Range(0.0, 1e6, "s")] = 0.0  # the wind is multiplied by min(t/wind_rise, 1); 0: by 1
     unscored: Annotated[float, Range(0.0, 1e7, "s")] = 0.0  # at the beginning, where no error counts but falls do
-    # ``"full"``, ``"output_feedback"`` without velocities, or a list of the fields of `tasks.observation`
+    # ``"full"``, ``"output_feedback"`` without velocities, ``"lab"``, or a list of the fields of `tasks.observation`
     observation: Annotated[ObservationLayout, ObservationSetting] = FULL
+    pole_told: Annotated[bool, Strict()] = False  # whether the observed ``"pole"`` is the true one, not the nominal one
     loop_known: Annotated[bool, Strict()] = True  # whether controllers know the delays, lags and rate limits above
     name: str = field(default="", compare=False)
     description: str = field(default="", compare=False)

@@ -6,7 +6,12 @@ are powers of two, so the division has no rounding error. The tracking error is 
 world frame, as in the paper, (F_x − F_xd, F_y − F_yd, z − z_d): its horizontal part is that of the bob, its vertical
 part that of the quadrotor. ψ_e = ψ − ψ_d. The observation does not contain the wind.
 
-A further field is a row at the end of the table and a line in `observe_state` or `observe_reference`; no preset has it.
+`full` and `output_feedback` have the errors of the true pole. A lab does not know that pole: the preset `lab` has what
+it measures (position, attitude, direction of the pole, and how old the sample is), the whole reference, and the pole
+that is believed. Errors are then the policy's own. The sign of the quaternion does not change while the yaw turns; only
+a body that is upside down can change it.
+
+A further field is a row at the end of the table and a line in a function that writes observations.
 """
 
 from collections.abc import Iterable
@@ -19,6 +24,7 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.core.settings import Parsed, look_up
+from quadpend_gym.physics.attitude import quaternion_from_euler
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, axpy, load, store
 from quadpend_gym.tasks.references import ReferencePoint
@@ -31,7 +37,7 @@ class ObservationField(NamedTuple):
     unit: str
     frame: str
     scale: tuple[float, ...]
-    source: Literal["state", "reference"]  # on which it depends; the state is that of the sensors
+    source: Literal["state", "reference", "pole"]  # on which it depends; the state is that of the sensors
 
 
 FIELDS: dict[str, ObservationField] = {
@@ -47,6 +53,12 @@ FIELDS: dict[str, ObservationField] = {
     "reference_5": ObservationField("F_d⁽⁵⁾", "m/s⁵", "world", (8.0, 8.0, 8.0), "reference"),
     "reference_6": ObservationField("F_d⁽⁶⁾", "m/s⁶", "world", (16.0, 16.0, 16.0), "reference"),
     "yaw_reference": ObservationField("ψ_d, ψ̇_d, ψ̈_d", "rad, rad/s, rad/s²", "world", (1.0, 1.0, 1.0), "reference"),
+    "position": ObservationField("ζ", "m", "world", (1.0, 1.0, 1.0), "state"),
+    "quaternion": ObservationField("q", "1", "body to world, order w, x, y, z", (1.0, 1.0, 1.0, 1.0), "state"),
+    "age": ObservationField("age of the sample", "s", "", (0.125,), "state"),
+    "reference_0": ObservationField("F_d", "m", "world", (1.0, 1.0, 1.0), "reference"),
+    "reference_1": ObservationField("F_d⁽¹⁾", "m/s", "world", (1.0, 1.0, 1.0), "reference"),
+    "pole": ObservationField("l, m as believed", "m, kg", "", (0.5, 0.25), "pole"),
 }
 
 
@@ -95,7 +107,13 @@ FULL = ObservationLayout(
     )
 )
 OUTPUT_FEEDBACK = ObservationLayout(name for name in FULL if not name.endswith("_rate"))  # no velocities
-PRESETS = {"full": FULL, "output_feedback": OUTPUT_FEEDBACK}
+LAB = ObservationLayout(
+    (
+        *("position", "quaternion", "direction", "age", "reference_0", "reference_1"),
+        *("reference_2", "reference_3", "reference_4", "reference_5", "reference_6", "yaw_reference", "pole"),
+    )
+)
+PRESETS = {"full": FULL, "output_feedback": OUTPUT_FEEDBACK, "lab": LAB}
 
 
 def as_layout(value: Any) -> ObservationLayout:
@@ -130,9 +148,15 @@ def read_observation(observation: Floats32 | Floats, name: str, fields: Any = FU
     return as_layout(fields).read(observation, name)
 
 
-# What is measured of all fields, and the columns there that depend on the state.
+# All fields: those of `FULL` and then the others, which are computed where a scenario observes one of them.
 ALL = ObservationLayout(FIELDS)
-STATE_COLUMNS = np.concatenate([np.r_[ALL.columns[name]] for name in FIELDS if FIELDS[name].source == "state"])
+
+
+def _state_columns(layout: ObservationLayout) -> Any:
+    return np.concatenate([np.r_[layout.columns[name]] for name in layout if FIELDS[name].source == "state"])
+
+
+STATE_COLUMNS, LAB_STATE_COLUMNS = _state_columns(FULL), _state_columns(ALL)[_state_columns(FULL).size :]
 OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE = FULL.columns, FULL.scale, FULL.size
 OUTPUT_FEEDBACK_FIELDS, OUTPUT_FEEDBACK_SIZE = OUTPUT_FEEDBACK.columns, OUTPUT_FEEDBACK.size
 OUTPUT_FEEDBACK_COLUMNS = FULL.select(OUTPUT_FEEDBACK)
@@ -145,6 +169,9 @@ _TRACKING_ERROR, _TRACKING_ERROR_RATE, _DIRECTION, _DIRECTION_RATE, _ATTITUDE, _
 )
 _REFERENCE_2, _REFERENCE_3, _REFERENCE_4, _REFERENCE_5, _REFERENCE_6, _YAW_REFERENCE = (
     ALL.columns[name].start for name in FULL[6:]
+)
+_POSITION, _QUATERNION, _AGE, _REFERENCE_0, _REFERENCE_1, _POLE = (
+    ALL.columns[name].start for name in ("position", "quaternion", "age", "reference_0", "reference_1", "pole")
 )
 
 
@@ -205,8 +232,14 @@ def _store_scaled(out: Any, first: int, lane: int, a: Vec3) -> None:
 
 
 @inlined
+def _store_numbers(out: Any, first: int, lane: int, numbers: Any) -> None:
+    for i in range(len(numbers)):
+        out[first + i, lane] = np.float32(numbers[i]) * _RECIPROCAL[first + i]
+
+
+@inlined
 def observe_state(state: Any, lane: int, tracking: TrackingErrors, out: Any, place: int) -> None:
-    """Write the fields that depend on the state in column `lane` of an (18, n) buffer, true or measured.
+    """Write the fields of `FULL` that depend on the state in column `lane` of an (18, n) buffer, true or measured.
 
     `tracking` are its tracking errors; the fields are written into column `place` of an (m, n) float32 buffer with
     the rows of `ALL`.
@@ -223,10 +256,26 @@ def observe_state(state: Any, lane: int, tracking: TrackingErrors, out: Any, pla
 
 @inlined
 def observe_reference(reference: ReferencePoint, lane: int, out: Any) -> None:
-    """Write the fields that depend on the reference only into column `lane` of such a buffer."""
+    """Write the fields of `FULL` that depend on the reference only into column `lane` of such a buffer."""
     _store_scaled(out, _REFERENCE_2, lane, reference.d2)
     _store_scaled(out, _REFERENCE_3, lane, reference.d3)
     _store_scaled(out, _REFERENCE_4, lane, reference.d4)
     _store_scaled(out, _REFERENCE_5, lane, reference.d5)
     _store_scaled(out, _REFERENCE_6, lane, reference.d6)
     _store_scaled(out, _YAW_REFERENCE, lane, Vec3(reference.yaw, reference.yaw_rate, reference.yaw_acceleration))
+
+
+@inlined
+def observe_measured(state: Any, lane: int, age: float, out: Any, place: int) -> None:
+    """Write the fields of `LAB` that depend on the measured state in column `lane`, and the age of the sample (s)."""
+    _store_scaled(out, _POSITION, place, load(state, POSITION, lane))
+    _store_numbers(out, _QUATERNION, place, quaternion_from_euler(load(state, EULER, lane)))
+    out[_AGE, place] = np.float32(age) * _RECIPROCAL[_AGE]
+
+
+@inlined
+def observe_target(reference: ReferencePoint, length: float, mass: float, lane: int, out: Any) -> None:
+    """Write the fields of `LAB` that depend on the reference, and the pole that is believed, l (m) and m (kg)."""
+    _store_scaled(out, _REFERENCE_0, lane, reference.d0)
+    _store_scaled(out, _REFERENCE_1, lane, reference.d1)
+    _store_numbers(out, _POLE, lane, (length, mass))

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from quadpend_gym.core.settings import Parsed, Range, look_up, parse, settings
+from quadpend_gym.tasks.jumps import Jumps
 from quadpend_gym.tasks.references import ReferenceSettings
 from quadpend_gym.tasks.starts import StartSettings
 from quadpend_gym.tasks.trajectories import TrajectoryField
@@ -54,6 +55,7 @@ class Task:
     limits: Limits = Limits()
     reward: RewardWeights = RewardWeights()
     trajectory: Annotated[Any, TrajectoryField] = None  # of every episode; None: each draws one from `references`
+    jumps: Jumps | None = None  # of the reference; None: it does not jump
     pendulum: Literal["upright", "hanging"] = "upright"  # starts, limit and reward are relative to this side
 
     @property

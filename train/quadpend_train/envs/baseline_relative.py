@@ -28,7 +28,6 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
-from quadpend_gym.tasks.observation import ALL
 from quadpend_train.envs.concatenated import worlds
 
 
@@ -57,8 +56,9 @@ class BaselineRelativeReward(VectorWrapper):
         ]
         self._failure_penalty = failure_penalty
         self._horizon = gamma / (1.0 - gamma)
-        self._columns = ALL.select(worlds(baseline_env)[0].scenario.observation)
-        self._observation = np.empty((self.num_envs, ALL.size), np.float32)  # of the baseline copies
+        baseline_world = worlds(baseline_env)[0]
+        self._columns = baseline_world.observed.select(baseline_world.scenario.observation)
+        self._observation = np.empty((self.num_envs, baseline_world.observed.size), np.float32)  # of the copies
         self._memories: list[Any] = [None] * len(self._parts)
         self._started = np.ones(self.num_envs, np.bool_)  # copies whose next step is the first of an episode
         self._fallen = np.zeros(self.num_envs, np.bool_)  # copies that fell while the learner's episode goes on
