@@ -108,8 +108,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
       replaces its task. Another vehicle scales the forces of the scenario's wind. The ids other than
       ``QuadPendulum-v0`` replace the scenario's task by their own.
     - `task`, `wind`, `vehicle`, `interface`, `latency`, `sensors`, `actuators`, `parameters`, `loop`, `autopilot`,
-      `period`, `substeps`, `duration`, `wind_rise`, `unscored`, `observation`: see `Scenario`. ``wind=None`` is no
-      wind.
+      `period`, `substeps`, `duration`, `wind_rise`, `unscored`, `observation`, `pole_told`: see `Scenario`.
+      ``wind=None`` is no wind.
     - `render_mode`: ``"human"`` opens a window that runs in real time; with ``"rgb_array"`` the method `render`
       returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs pygame-ce, the extra
       ``view``. Closing the window truncates the running episode; later episodes run without one.

@@ -12,9 +12,10 @@ from quadpend_gym.envs import outcome as places
 from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.envs.step_kernel import KERNELS, STEP
 from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.tasks.observation import ALL
 from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.tasks.task import TASKS
+from quadpend_gym.vehicles.parameters import BOB_MASS, ROD_LENGTH
 from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
 
 pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
@@ -39,7 +40,8 @@ def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Fl
     memory = np.hstack([np.zeros((rows, layout.MEMORY_SIZE)), x.memory])
     memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS] = x.state, x.parameters
     memory[:, layout.MEMORY_REFERENCE] = x.reference
-    observation = np.zeros((rows, OBSERVATION_SIZE), np.float32)
+    memory[:, layout.MEMORY_POLE] = x.parameters[:, [ROD_LENGTH, BOB_MASS]]
+    observation = np.zeros((rows, ALL.size), np.float32)
     settings = layout.pack_settings(TASK, plant, moves_air=True, has_sensors=False)
     inputs = memory, np.zeros(rows, np.int64), np.ascontiguousarray(x.wind.T), np.asarray(x.action, np.float32)
     numbers = schedule.loops, np.zeros((POINT_SIZE, 0)), settings
