@@ -172,6 +172,7 @@ class AdrcLaw(Law):
     """The control law (1)–(3) for n rows."""
 
     gains: AdrcGains
+    observer = "deso"
 
     def estimator(self, loop: Loop) -> DesoBank:
         """Return the observers."""
@@ -212,6 +213,8 @@ class ADRC(Controller):
     """
 
     gains: AdrcGains
+    observer = "deso"
+    has_c = True
 
     def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
         super().__init__(gains, simulation, loop)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from quadpend_baselines.controllers.law import Observer
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.policy.protocol import Policy, PolicyWrapper, fed_by_name
 from quadpend_gym import Simulation
@@ -30,9 +31,13 @@ class Controller(Policy):
         loop: The known delays and lags of the loop; None: there are none.
 
     Attributes:
+        observer: What estimates the disturbance for hybrids on the controller.
+        has_c: Whether the controller can be written as C.
         flies_load: Whether the controller, designed for a mirrored simulation, also flies a hanging pendulum.
     """
 
+    observer: Observer = "hidden"
+    has_c: bool = False
     flies_load: bool = False
     layouts: tuple[ObservationLayout, ...] = (FULL, OUTPUT_FEEDBACK)
 

@@ -137,6 +137,7 @@ class Lqg(Law):
     """The control law (1)–(4) for n rows; its commands are actions."""
 
     gains: LqgGains
+    is_linear_near = True
     commands_actions = True
 
     @cached_property

@@ -98,6 +98,7 @@ class Nmpc(Law):
 
     gains: NmpcGains
     has_linear_model = False
+    has_c = False
     commands_actions = True
 
     def __post_init__(self) -> None:

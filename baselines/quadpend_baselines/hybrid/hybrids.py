@@ -32,13 +32,11 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.controllers.adrc import ADRC
-from quadpend_baselines.controllers.lqg import Lqg
-from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.controllers.law import Observer
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.deviations import deviation_part
 from quadpend_baselines.hybrid.history import history_part
@@ -47,20 +45,21 @@ from quadpend_baselines.hybrid.memory import memory_part
 from quadpend_baselines.hybrid.parts import (
     InputPart,
     Seen,
-    Vehicle,
+    base_action_part,
+    disturbance_part,
     estimated_part,
-    measured_part,
-    measured_residual_part,
+    magnified,
+    observed_part,
     read_inputs,
-    residual_part,
 )
 from quadpend_baselines.hybrid.situation import situation_part
 from quadpend_baselines.policy.protocol import Policy
 from quadpend_baselines.registry import controller
-from quadpend_gym import Simulation
+from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 
 ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
 
@@ -78,10 +77,13 @@ class Hybrid:
     """A base controller combined with a policy."""
 
     kind: ClassVar[str]  # the key of the class in `HYBRIDS`
+    reads: ClassVar[Literal["estimates", "measurements"]] = "estimates"  # what the policy's observation is made of
+    flies_load: ClassVar[bool] = False  # whether it also flies a hanging pendulum
+    observers: ClassVar[tuple[Observer, ...]] = ("kalman", "deso")  # those of the base controllers that it takes
     base_controller: Any  # one of `quadpend_baselines.CONTROLLERS`, or an object
 
     def __post_init__(self) -> None:
-        if not isinstance(self._given, ADRC | OutputFeedback):
+        if getattr(self._given, "observer", "hidden") not in self.observers:
             raise ValueError(
                 f"base_controller must be a controller that estimates the disturbance, not {self.base_controller!r}"
             )
@@ -168,9 +170,9 @@ class Hybrid:
         return action
 
     @property
-    def _vehicle(self) -> Vehicle:
-        parameters = self.controller.simulation.parameters
-        return Vehicle(parameters.rod_length, parameters.hover_thrust)
+    def _vehicle(self) -> Parameters:
+        parameters: Parameters = self.controller.simulation.parameters
+        return parameters
 
 
 @settings
@@ -189,24 +191,24 @@ class EstimateOnly(Hybrid):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.deviations and not isinstance(getattr(self.controller, "_law", None), Lqg):
+        if self.deviations and not (self.controller.observer == "kalman" and self.controller._law.is_linear_near):
             raise ValueError(f"deviations needs the base_controller lqg, not {self.base_controller!r}")
-        if (self.situation or self.innovations) and not isinstance(self.controller, OutputFeedback):
+        if (self.situation or self.innovations) and self.controller.observer != "kalman":
             raise ValueError(
                 f"situation and innovations need a base_controller with a Kalman observer, not {self.base_controller!r}"
             )
 
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
-        base = self.controller
+        base, weight = self.controller, self._vehicle.hover_thrust
         if self.deviations:
             parts = [deviation_part(base._law)]
-        elif isinstance(base, OutputFeedback):
-            parts = [estimated_part(self._vehicle)]
+        elif base.observer == "kalman":
+            parts = [estimated_part("later", self._vehicle.rod_length), disturbance_part(weight)]
         else:
-            parts = [measured_part(self._vehicle, size)]
+            parts = [observed_part(range(size)), disturbance_part(weight)]
         if self.situation:
-            parts.append(situation_part(base.simulation.period, self._vehicle.weight))
+            parts.append(situation_part(base.simulation.period, weight))
         if self.innovations:
             parts.append(innovations_part(base.simulation.period))
         return tuple(parts)
@@ -214,6 +216,8 @@ class EstimateOnly(Hybrid):
 
 class NoController(Policy):
     """In place of a base controller: it estimates nothing, and does not act."""
+
+    observer: Observer = "none"
 
     def __init__(self, simulation: Simulation, loop: Loop | None = None) -> None:
         self.simulation, self.loop = simulation, loop or Loop()
@@ -247,11 +251,9 @@ class MemoryOnly(Hybrid):
     """
 
     kind: ClassVar[str] = "memory_only"
+    reads = "measurements"
+    observers: ClassVar[tuple[Observer, ...]] = (*Hybrid.observers, "none")
     base_controller: Any = "lqg"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.base_controller, NoController):
-            super().__post_init__()
 
     @cached_property
     def controller(self) -> Any:
@@ -275,6 +277,8 @@ class HistoryOnly(Hybrid):
     """
 
     kind: ClassVar[str] = "history"
+    reads = "measurements"
+    flies_load = True
     observations: Annotated[int, Range(1, 1000)] = 4  # the present one included
     actions: Annotated[int, Range(0, 1000)] = 0
     base_controller: Any = field(default=NoController(Simulation()), init=False)
@@ -305,9 +309,11 @@ class ResidualAction(Hybrid):
 
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
-        if isinstance(self.controller, OutputFeedback):
-            return (residual_part(self._vehicle),)
-        return (measured_residual_part(self._vehicle, size),)
+        if self.controller.observer == "kalman":
+            state = estimated_part("estimate", self._vehicle.rod_length, magnified(OBSERVATION_SIZE))
+        else:
+            state = observed_part(range(size), magnified(size))
+        return state, disturbance_part(self._vehicle.hover_thrust), base_action_part()
 
     def _first_action(self, updated: Any, rows: int) -> tuple[Floats32, Any]:
         action, after = self.controller.control(updated)

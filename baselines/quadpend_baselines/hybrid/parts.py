@@ -6,7 +6,7 @@ to its next memory. NumPy and numba compute it for n rows of numbers, CasADi for
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START
 
-_MAGNIFICATION = np.float32(10.0)  # factor on small deviations in the observation of a `ResidualAction`
+_ONES = (1.0,) * OBSERVATION_SIZE
+_MAGNIFICATION = 10.0  # factor on small deviations in the observation of a `ResidualAction`
 
 
 class Seen(NamedTuple):
@@ -49,63 +50,51 @@ def read_inputs(parts: Sequence[InputPart], seen: Seen, memory: Floats) -> tuple
     return np.concatenate(inputs, axis=1), np.concatenate(memories, axis=1)
 
 
-def _observed(columns: tuple[int, ...], seen: Seen, memory: Any) -> tuple[Any, Any]:
-    return seen.observation[:, list(columns)], memory
+def magnified(size: int) -> tuple[float, ...]:
+    """Return factors on an observation of `size` numbers for deviations that a base controller keeps small.
+
+    They magnify what depends on the state, which comes first.
+    """
+    states: int = size - OBSERVATION_SIZE + REFERENCE_START
+    return (_MAGNIFICATION,) * states + (1.0,) * (size - states)
 
 
-def observed_part(columns: Iterable[int]) -> InputPart:
-    """Return columns of the observation of the environment."""
+def _observed(numbers: tuple[tuple[int, ...], tuple[float, ...]], seen: Seen, memory: Any) -> tuple[Any, Any]:
+    columns, factors = numbers
+    return np.asarray(factors, dtype="f4") * seen.observation[:, list(columns)], memory
+
+
+def observed_part(columns: Iterable[int], factors: Iterable[float] = ()) -> InputPart:
+    """Return columns of the observation of the environment, times factors."""
     chosen = tuple(columns)
-    return InputPart(len(chosen), 0, _observed, chosen)
+    return InputPart(len(chosen), 0, _observed, (chosen, tuple(factors) or (1.0,) * len(chosen)))
 
 
-class Vehicle(NamedTuple):
-    """What estimates are relative to."""
-
-    rod_length: float  # m
-    weight: float  # N
+def _estimated(numbers: tuple[str, float, tuple[float, ...]], seen: Seen, memory: Any) -> tuple[Any, Any]:
+    when, rod_length, factors = numbers
+    return np.asarray(factors, dtype="f4") * observation_of(Estimate(getattr(seen, when)), rod_length), memory
 
 
-def _estimated(vehicle: Vehicle, seen: Seen, memory: Any) -> tuple[Any, Any]:
-    observed = observation_of(Estimate(seen.later), vehicle.rod_length)
-    return np.concatenate([observed, disturbance_of(seen.estimate, vehicle.weight)], axis=1), memory
+def estimated_part(
+    when: Literal["estimate", "later"], rod_length: float, factors: Iterable[float] = _ONES
+) -> InputPart:
+    """Return the observation of an estimated state, times factors; `when` is the field of `Seen`."""
+    return InputPart(OBSERVATION_SIZE, 0, _estimated, (when, rod_length, tuple(factors)))
 
 
-def estimated_part(vehicle: Vehicle) -> InputPart:
-    """Return the observation of the estimated state in which the next action acts, and the estimated disturbance."""
-    return InputPart(OBSERVATION_SIZE + DISTURBANCE_SIZE, 0, _estimated, vehicle)
+def _disturbance(weight: float, seen: Seen, memory: Any) -> tuple[Any, Any]:
+    return disturbance_of(seen.estimate, weight), memory
 
 
-def _estimated_near(vehicle: Vehicle, seen: Seen, memory: Any) -> tuple[Any, Any]:
-    observed = observation_of(Estimate(seen.estimate), vehicle.rod_length)
-    return _magnified(observed, disturbance_of(seen.estimate, vehicle.weight), seen.base_action), memory
+def disturbance_part(weight: float) -> InputPart:
+    """Return the estimated disturbance of a vehicle of a weight (N)."""
+    return InputPart(DISTURBANCE_SIZE, 0, _disturbance, weight)
 
 
-def _measured(vehicle: Vehicle, seen: Seen, memory: Any) -> tuple[Any, Any]:
-    return np.concatenate([seen.observation, disturbance_of(seen.estimate, vehicle.weight)], axis=1), memory
+def _base_action(factor: float, seen: Seen, memory: Any) -> tuple[Any, Any]:
+    return np.float32(factor) * seen.base_action, memory
 
 
-def _measured_near(vehicle: Vehicle, seen: Seen, memory: Any) -> tuple[Any, Any]:
-    disturbance = disturbance_of(seen.estimate, vehicle.weight)
-    return _magnified(seen.observation, disturbance, seen.base_action), memory
-
-
-def _magnified(observed: Any, disturbance: Any, base_action: Any) -> Any:
-    states = observed.shape[1] - OBSERVATION_SIZE + REFERENCE_START
-    parts = _MAGNIFICATION * observed[:, :states], observed[:, states:], disturbance, _MAGNIFICATION * base_action
-    return np.concatenate(parts, axis=1)
-
-
-def residual_part(vehicle: Vehicle) -> InputPart:
-    """Return the observation of the estimated state, the estimated disturbance, and the base controller's action."""
-    return InputPart(OBSERVATION_SIZE + DISTURBANCE_SIZE + ACTION_SIZE, 0, _estimated_near, vehicle)
-
-
-def measured_part(vehicle: Vehicle, size: int) -> InputPart:
-    """Return the observation, of `size` numbers, and the estimated disturbance."""
-    return InputPart(size + DISTURBANCE_SIZE, 0, _measured, vehicle)
-
-
-def measured_residual_part(vehicle: Vehicle, size: int) -> InputPart:
-    """Return the same, and the base controller's action."""
-    return InputPart(size + DISTURBANCE_SIZE + ACTION_SIZE, 0, _measured_near, vehicle)
+def base_action_part() -> InputPart:
+    """Return the action of the base controller, magnified."""
+    return InputPart(ACTION_SIZE, 0, _base_action, _MAGNIFICATION)

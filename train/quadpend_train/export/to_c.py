@@ -14,11 +14,7 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_baselines.controllers.adrc import ADRC
-from quadpend_baselines.controllers.nmpc import Nmpc
-from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.hybrid.hybrids import NoController
 from quadpend_baselines.hybrid.parts import InputPart, observed_part
 from quadpend_baselines.policy.protocol import SelectedFields
 from quadpend_gym.core.arrays import Floats, Floats32
@@ -125,12 +121,11 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
     """Return the policy for a scenario, with the gains and the precision of its C file."""
     trained = policy.card.get("settings", {}).get("scenarios", ()) if isinstance(policy, MlpPolicy) else ()
     tasks = [scenario.task, *(item.task for item in find_scenarios(trained).values())]
-    law = getattr(policy, "_law", None)
     if any(task.pendulum != "upright" or task.limits.pendulum_angle > 0.5 * np.pi for task in tasks):
         is_network = isinstance(policy, MlpPolicy) and policy.hybrid is None
         onnx = "; --to onnx writes its network" if is_network else ""
         raise ValueError(f"{name} cannot be written as C: only policies that balance an upright pendulum can{onnx}")
-    if not isinstance(policy, ADRC | OutputFeedback | MlpPolicy) or isinstance(law, Nmpc):
+    if not (isinstance(policy, MlpPolicy) or getattr(policy, "has_c", False)):
         raise ValueError(
             f"{name} cannot be written as C: it is no feedforward network, ADRC, LQR, LQI, LQG, flatness or dual-mode"
         )
@@ -176,16 +171,15 @@ def _inner(adapted: Any) -> tuple[Any, InputPart]:
 def _base(policy: Any) -> Any:
     """Return the base controller of a hybrid that flies, or None."""
     hybrid = getattr(policy, "hybrid", None)
-    return None if hybrid is None or isinstance(hybrid.controller, NoController) else hybrid.controller
+    return None if hybrid is None or hybrid.controller.observer == "none" else hybrid.controller
 
 
 def _is_fast(policy: Any) -> bool:
     """Return whether observers amplify the rounding of the measurement."""
-    adrc = policy if isinstance(policy, ADRC) else _base(policy)
-    return (
-        isinstance(adrc, ADRC)
-        and max(gains.bandwidth for _, gains in adrc.bank.observers) * adrc.simulation.period > 1.0
-    )
+    base = _base(policy) if isinstance(policy, MlpPolicy) else policy
+    if getattr(base, "observer", "none") != "deso":
+        return False
+    return bool(max(gains.bandwidth for _, gains in base.bank.observers) * base.simulation.period > 1.0)
 
 
 def _observer(policy: Any) -> Any:

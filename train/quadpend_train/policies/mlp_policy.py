@@ -23,7 +23,7 @@ from gymnasium import logger
 
 from quadpend_baselines import Policy
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid import HistoryOnly, Hybrid, hybrid_from_data
+from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
 from quadpend_baselines.hybrid.wrapper import NO_HYBRID
 from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym import Simulation
@@ -118,7 +118,7 @@ class MlpPolicy(Policy):
         check_interface(self.card, scenario.simulation)
         if self.hybrid is None:
             return with_velocities(self, scenario)
-        if scenario.task.pendulum == "hanging" and not isinstance(self.hybrid, HistoryOnly):
+        if scenario.task.pendulum == "hanging" and not self.hybrid.flies_load:
             raise ValueError(NO_HYBRID)
         other = copy(self)
         other.hybrid = self.hybrid.flown_in(scenario.simulation, Loop.known(scenario))

@@ -16,10 +16,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.estimate import AGE
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.hybrid import MemoryOnly
 from quadpend_baselines.hybrid.parts import InputPart
 from quadpend_baselines.hybrid.situation import root
 from quadpend_gym import engines
@@ -49,10 +47,13 @@ class Observer(NamedTuple):
     @classmethod
     def of(cls, hybrid: Any, layout: ObservationLayout, size: int) -> "Observer":
         """Return the observer of a hybrid; None: there is no hybrid."""
-        base = None if hybrid is None else hybrid.controller
-        if isinstance(base, OutputFeedback) and not isinstance(hybrid, MemoryOnly):
-            return cls(base.estimator, layout, hybrid.parts(size), size)
-        return cls(None, layout, hybrid.parts(size) if isinstance(hybrid, MemoryOnly) else (), size)
+        if hybrid is None:
+            return cls(None, layout, (), size)
+        if hybrid.reads == "measurements":
+            return cls(None, layout, hybrid.parts(size), size)
+        if hybrid.controller.observer == "kalman":
+            return cls(hybrid.controller.estimator, layout, hybrid.parts(size), size)
+        return cls(None, layout, (), size)
 
     @property
     def has_rates(self) -> bool:
