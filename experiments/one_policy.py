@@ -16,7 +16,7 @@ from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.training.settings import read_settings, with_values
-from quadpend_train.training.train import train_or_resume
+from quadpend_train.training.train import resume, train
 
 RUNS = Path("runs/one-policy")
 FIRST, SECOND = (str(POLICIES / f"{name}-vehicles-0.npz") for name in ("dagger", "apg"))
@@ -37,7 +37,8 @@ def own_policy(vehicle: str) -> str:
         (folder, SECOND, {"scenarios": (windy, calm), **steps}),
     ):
         if not (path / "policy.npz").is_file():
-            train_or_resume(with_values(read_settings(policy), values), path)
+            settings = with_values(read_settings(policy), values)
+            resume(path, settings) if (path / "settings.json").is_file() else train(settings, path)
     return str(folder)
 
 

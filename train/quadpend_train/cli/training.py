@@ -2,15 +2,17 @@
 
 import json
 import re
+import shlex
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from quadpend_train.cli.options import Jobs, named_scenarios
+from quadpend_train.cli.options import named_scenarios
+from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import (
     PRESETS,
     TrainSettings,
@@ -22,32 +24,34 @@ from quadpend_train.training.settings import (
 DEFAULT_OUT = Path("runs/latest")
 
 
-@dataclass(frozen=True)
-class _Source:
-    """The options from which the defaults of the others follow."""
-
-    settings: str | None = None
-    algo: str | None = None
-    resume: Path | None = None
-    start_from: str | None = None
-    seeds: str | None = None
-    set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-
-
 def default_settings(options: Sequence[str]) -> dict[str, Any]:
-    """Return the settings whose values are the defaults of the options of `train`, as its parameter `run`."""
-    from quadpend_train.cli.seeds import begun, run_folders
+    """Return the settings whose values are the defaults of the options of `train`, as its parameter `run`.
 
-    found = tyro.cli(_Source, args=options, return_unknown_args=True, add_help=False, console_outputs=False)[0]
-    if not found.resume:
-        return {"run": with_values(_base(found.settings, found.algo, found.start_from), _values(found.set))}
-    if found.settings or found.set:
+    They follow from some of the options, which are read here before the parser knows the defaults.
+    """
+    settings, algo, resume, start_from = (
+        (_values_of(options, name) or [""])[-1] for name in ("settings", "algo", "resume", "start-from")
+    )
+    changes = _values_of(options, "set")
+    if not resume:
+        return {"run": with_values(_base(settings, algo, start_from), _changed_values(changes))}
+    if settings or changes:
         raise ValueError("--resume continues a run with its own settings: give no --settings and no --set with it")
-    runs = begun([*run_folders(found.resume, found.seeds).values()] if found.seeds else [found.resume])
-    return {"run": read_settings(str(runs[0] / "settings.json") if runs else "ppo")}
+    stored = Path(resume) / "settings.json"
+    return {"run": read_settings(str(stored) if stored.is_file() else "ppo")}
 
 
-def _base(settings: str | None, algo: str | None, start_from: str | None) -> TrainSettings:
+def _values_of(options: Sequence[str], name: str) -> list[str]:
+    """Return the values of an option, as ``--name VALUE`` or ``--name=VALUE``."""
+    found: list[str] = []
+    for option, after in zip(options, [*options[1:], ""], strict=True):
+        given, sign, value = option.partition("=")
+        if given.startswith("--") and given[2:].replace("_", "-") == name:
+            found.append(value if sign else after)
+    return found
+
+
+def _base(settings: str, algo: str, start_from: str) -> TrainSettings:
     """Return the settings of a file, of the algorithm's preset, or of the policy that training starts from."""
     from quadpend_train.policies.loading import policy_file
 
@@ -59,7 +63,7 @@ def _base(settings: str | None, algo: str | None, start_from: str | None) -> Tra
     return read_settings(settings or algo or "ppo")
 
 
-def _values(changes: Sequence[str]) -> dict[str, Any]:
+def _changed_values(changes: Sequence[str]) -> dict[str, Any]:
     """Return the values of changes such as ``ppo.learning_rate=1e-3`` by their paths; they are JSON or text."""
     values: dict[str, Any] = {}
     for change in changes:
@@ -81,8 +85,6 @@ def train(
     resume: Path | None = None,
     vehicle: str | None = None,
     interface: str | None = None,
-    seeds: str | None = None,
-    jobs: Jobs = 1,
 ) -> None:
     """Train a policy.
 
@@ -98,15 +100,9 @@ def train(
             Loading its checkpoint executes code that it contains: resume only runs that you trust.
         vehicle: Vehicle of all scenarios, as in evaluate.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
-        seeds: Several training seeds, such as 0-4 or 0,2,5, each in a folder of its own: OUT-0, OUT-1 and so on.
-            Finished ones are skipped. With --resume OUT instead of --out OUT, interrupted ones continue.
-        jobs: Number of processes for several seeds; the results do not depend on it.
     """
-    from quadpend_train.cli.seeds import summary, train_seeds
     from quadpend_train.training import train as training
 
-    if seeds is None and jobs != 1:
-        raise ValueError("--jobs trains several seeds: give it with --seeds")
     if resume:
         if vehicle or interface or out != DEFAULT_OUT:
             raise ValueError(
@@ -120,13 +116,14 @@ def train(
         texts = map(scenario_text, run.scenarios)
         given = [*texts, *(part for name, value in options.items() if value for part in (name, value))]
         run = replace(run, scenarios=named_scenarios(run.scenarios, vehicle, interface).values())
-    if seeds is not None:
-        folders = train_seeds(run, seeds, resume or out, resume is not None, jobs)
-    elif resume:
-        folders = [training.resume(resume, run).parent]
-    else:
-        folders = [training.train(run, out).parent]
-    print(summary(folders, given))
+    path = training.resume(resume, run) if resume else training.train(run, out)
+    score = MlpPolicy.load(path).card["score"]
+    print(
+        f"Trained policy: {path}\nIn its training scenarios it survives {score['survival']:.1%} of the episodes;"
+        f" penalised RMSE {1e3 * score['penalised_rmse']:.1f} mm."
+    )
+    command = ["quadpend", "evaluate", "flatness", f"mine={path.parent}", "--scenarios"]
+    print("Compare with a classical controller:", shlex.join(command + (given or [*map(scenario_text, run.scenarios)])))
 
 
 def export(

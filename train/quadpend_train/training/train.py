@@ -99,12 +99,6 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
         return _run(model, settings, folder, progress)
 
 
-def train_or_resume(settings: TrainSettings, folder: Path, *, progress: bool = True) -> Path:
-    """Train a policy, or continue the interrupted run in the folder, see `train` and `resume`."""
-    begun = (folder / SETTINGS).is_file()
-    return resume(folder, settings, progress=progress) if begun else train(settings, folder, progress=progress)
-
-
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Let no other process train in a folder during the block. The operating system releases the lock of a process."""
