@@ -75,5 +75,5 @@ for _name, _task in ENVIRONMENTS.items():
         id=_name,
         entry_point="quadpend_gym.envs.env:QuadPendulumEnv",
         vector_entry_point="quadpend_gym.device:make_vector_env",
-        kwargs={} if _task == "track" else {"task": _task},
+        kwargs={} if _task == "track" else {"own_task": _task},
     )

@@ -48,8 +48,12 @@ def controller_of(name: str, gains: Any, simulation: Simulation | None = None) -
 
 def gains_file(text: str) -> Path | None:
     """Return the file in a text NAME:FILE, such as ``"lqg:gains.json"``; None if the text is of another form."""
-    path = text.partition(":")[2]
-    return Path(path) if path.endswith(_FILES) else None
+    name, _, path = text.partition(":")
+    if path.endswith(_FILES):
+        return Path(path)
+    if name in CONTROLLERS and (path.endswith((".yaml", ".yml")) or Path(path).is_file()):
+        raise ValueError(f"{text}: a file of gains must be a .json or .toml file")
+    return None
 
 
 def controller_from_text(text: str) -> Controller:
@@ -59,11 +63,13 @@ def controller_from_text(text: str) -> Controller:
     """
     if (path := gains_file(text)) is None:
         return controller(text)
-    found = read_mapping(path)
+    name, found = text.partition(":")[0], read_mapping(path)
+    if (of := found.pop("controller", name)) != name:
+        raise ValueError(f"{path} has the gains of {of}, not of {name}: give {of}:{path}")
     changes = found.get("gains", found)
     if not isinstance(changes, dict) or not changes:
         raise ValueError(f"{path}: gains must be a mapping of names to values, not {changes!r}")
     try:
-        return controller(text.partition(":")[0], changes=flat(changes))
+        return controller(name, changes=flat(changes))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None

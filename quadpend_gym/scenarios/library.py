@@ -113,13 +113,16 @@ def find_scenario(name: str | Scenario) -> Scenario:
     return found[0]
 
 
-def as_scenario(value: Any, **parts: Any) -> Scenario:
+def as_scenario(value: Any, own_task: str = "", **parts: Any) -> Scenario:
     """Return a scenario from itself, a text that `find_scenario` takes, a mapping of its fields, or None.
 
-    `parts` replace its fields. A mapping without a ``kind`` changes the fields that it names of the scenario's own
+    `parts` replace its fields. With `own_task`, the name of that of an environment's id, it has this task, which a
+    mapping in `parts` changes. A mapping without a ``kind`` changes the fields that it names of the scenario's own
     part, such as its task. With another vehicle, the forces of its wind are scaled, see `Scenario.with_vehicle`. With
     another period alone, its substeps are as long as before, or shorter.
     """
+    if own_task:
+        parts["task"] = _merged(TaskField.function(own_task), parts.get("task", own_task))
     if value is None or isinstance(value, Mapping):
         given = value or {}
         own = {name: _PARSED[name](part) if name in _PARSED else part for name, part in given.items()}

@@ -1,5 +1,6 @@
 """The specification of an environment survives conversion to JSON and makes the same environment."""
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -7,6 +8,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from quadpend_gym import Limits, ReferenceSettings, Task
+from quadpend_gym.tasks.task import ENVIRONMENTS, TASKS
 from tests.helpers.envs import WINDY, assert_same, draw_actions, make, make_vec, run_actions
 
 TASK = Task(references=ReferenceSettings(hover=0.0, height=(3.0, 4.0)), limits=Limits(tracking_error=0.5))
@@ -38,3 +40,12 @@ def test_spec_survives_json(kwargs: dict[str, Any]) -> None:
         assert_same(duplicate.reset(seed=3), one.reset(seed=3))
         actions = draw_actions(3, 10, *shape)
         assert_same(run_actions(duplicate, actions), run_actions(one, actions))
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_a_mapping_changes_the_task_of_the_id(env_id: str) -> None:
+    own = TASKS[ENVIRONMENTS[env_id]]
+    env: Any = gym.make(env_id, task={"reward": {"effort": 0.3}}).unwrapped
+    assert env.scenario.task == replace(own, reward=replace(own.reward, effort=0.3))
+    env = gym.make(env_id, scenario="windy").unwrapped
+    assert env.scenario.task == own

@@ -62,11 +62,9 @@ REFUSED = {
     "evaluate lqr --scenarios calm calm=windy": "two scenarios have the name 'calm'",
     "evaluate a=lqr a=lqi": "two policies have the same name",
     "evaluate lqr,lqi x=lqi,lqr,flatness": "same number",
-    "train --seeds 4-0": "seeds must be different numbers and ranges",
-    "train --jobs 2": "give it with --seeds",
     "evaluate lqr --jobs 0": "jobs must be a whole number from 1 to 1024, not 0",
     "tune lqr --latency -0.1": "latency must be None or a finite number from 0 to 1 s",
-    "train --resume nix --seeds 0-2": "contain no run",
+    "train --resume nix --num-envs 9": "nix contains no run",
     "train --num-envs 1000000000": "num_envs must be a whole number from 1 to",
     f"evaluate {LONG}": f"a file cannot be read or written: {LONG}: File name too long",
     **{f"{command} --out file/x": FOLDER for command in ("evaluate lqr", "tune lqr")},
@@ -101,6 +99,8 @@ def test_an_existing_path_is_taken_as_it_is(capsys: pytest.CaptureFixture[str]) 
     assert [len(load_policies(name)) for name in (*paths, ",".join(paths[2:]), "lqr,lqi")] == [1, 1, 1, 1, 2, 2]
     main(["card", paths[2]])
     Path("a,b/g=1.json").write_text('{"gains": {"effort": 0.5}}')
+    main(["card", "lqr:a,b/g=1.json"])
+    assert "effort=0.5" in capsys.readouterr().out
     (tuned,) = load_policies(split_name("mine=lqr:a,b/g=1.json")[1])
     assert not np.array_equal(tuned.predict(0.01 * np.ones(36))[0], load_policy("lqr").predict(0.01 * np.ones(36))[0])
     Path("my@lab,a=b.toml").write_text('wind = "windy"\n')

@@ -33,6 +33,11 @@ def test_gains_of_a_file_make_a_controller(tmp_path: Path) -> None:
     path.write_text('{"efort": 0.03}')
     with pytest.raises(ValueError, match=r"gains.json: .* there is no gain 'efort' \(did you mean 'effort'\?\); there"):
         load_policy(f"lqg:{path}")
+    path.write_text('{"controller": "lqr", "gains": {"effort": 0.03}}')
+    with pytest.raises(ValueError, match=r"gains.json has the gains of lqr, not of lqg: give lqr:"):
+        load_policy(f"lqg:{path}")
+    with pytest.raises(ValueError, match=r"lqg:g.yaml: a file of gains must be a .json or .toml file"):
+        load_policy("lqg:g.yaml")
     path.write_text('{"effort": -1}')
     with pytest.raises(ValueError, match=r"effort must be a finite number from 1e-12 to .*, not -1"):
         load_policy(f"lqg:{path}")

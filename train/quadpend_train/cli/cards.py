@@ -9,8 +9,8 @@ from typing import Any
 import tyro
 
 from quadpend_baselines import CONTROLLERS
-from quadpend_baselines.gains import DESCRIPTIONS, gains_for, tuned
-from quadpend_gym import Simulation
+from quadpend_baselines.gains import DESCRIPTIONS, tuned
+from quadpend_baselines.registry import controller_from_text, gains_file
 from quadpend_gym.core.nested import flat
 from quadpend_gym.tasks.observation import PRESETS
 from quadpend_train.policies.loading import load_policy
@@ -27,7 +27,7 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
         policy: A policy, as in evaluate.
         json: Print all data as JSON.
     """
-    data, lines = _controller(policy) if policy in CONTROLLERS else _learned(policy)
+    data, lines = _controller(policy) if policy in CONTROLLERS or gains_file(policy) else _learned(policy)
     if json:
         print(json_format.dumps(data, indent=1))
         return
@@ -40,11 +40,13 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
         print(fill(text, _LINE, initial_indent=head, subsequent_indent=" " * _NAME, break_on_hyphens=False))
 
 
-def _controller(name: str) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the data and the lines about a classical controller."""
-    data: dict[str, Any] = {"description": DESCRIPTIONS[name], "gains": asdict(gains_for(name, Simulation()))}
-    lines = {"description": DESCRIPTIONS[name], "gains": _pairs(flat(data["gains"]))}
-    if search := tuned().get(name):
+def _controller(text: str) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the data and the lines about a classical controller, also one with the gains of a file."""
+    made = controller_from_text(text)
+    description = DESCRIPTIONS[text.partition(":")[0]]
+    data: dict[str, Any] = {"description": description, "gains": asdict(made.gains)}
+    lines = {"description": description, "gains": _pairs(flat(data["gains"]))}
+    if search := tuned().get(text):
         data["tuning"] = search._asdict()
         lines["tuned"] = f"{search.command}: penalised RMSE {search.score:g} mm in the training scenarios"
     return data, lines

@@ -77,7 +77,12 @@ class FunctionPolicy(Policy):
     clipped to [−1, 1]. The fields are the name of a preset or a list.
     """
 
-    def __init__(self, function: Callable[[Floats32], Any], fields: Any = FULL) -> None:
+    def __init__(self, function: Callable[[Floats32], Any], fields: Any = FULL, **unknown: Any) -> None:
+        if unknown:
+            raise TypeError(
+                f"FunctionPolicy has no {', '.join(unknown)}: give the fields that the function observes, such as"
+                " fields='output_feedback'"
+            )
         self.function, self.layouts = function, (as_layout(fields),)
 
     def predict(

@@ -188,6 +188,7 @@ def tune(search: Search, study: optuna.Study, trials: int, folder: Path) -> dict
     scenarios = [*search.scenarios.values()]
     before, after = (score(search.policy(gains), scenarios, SCORE_EPISODES) for gains in ({}, values))
     found = {
+        "controller": search.name,
         "scenarios": [*search.scenarios],
         "trials": len(study.trials),
         "gains": values,
