@@ -53,19 +53,24 @@ from quadpend_baselines.estimation.chains import (
 )
 from quadpend_baselines.estimation.estimate import (
     AGE,
+    ANCHOR,
     LOOP,
     MASS_RATIO,
+    PLACE,
     REFERENCE,
     RIGID_PART,
     STATE,
     Estimate,
     is_bounded,
     law_inputs,
+    measured_state,
+    moved,
     store_attitude,
+    store_measured_reference,
 )
 from quadpend_baselines.estimation.estimate import DISTURBANCE as FORCES
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.measurement import measure, observed_rows
+from quadpend_baselines.estimation.measurement import observed_rows
 from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, design_observers, update_observers
 from quadpend_baselines.estimation.prediction import (
     ACTED,
@@ -95,7 +100,7 @@ from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, load_four, scale, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, load, load_four, scale, store, store_four
 
 BEHIND = OBSERVERS_SIZE + COMMAND_SIZE  # numbers behind those of `estimation.estimate`
 _MAX_ESTIMATE = 1e15  # an observer whose states exceed it starts again
@@ -246,13 +251,12 @@ def _store(
     memory: Any,
     lane: int,
     s: VehicleState,
-    reference: Derivatives,
     mismatch: float,
     model: Pendulum,
     rigid: RigidSettings | None,
 ) -> None:
-    store_vectors(memory, STATE, lane, s)
-    store_vectors(memory, REFERENCE, lane, reference)
+    """Write an estimate whose reference is stored, with a state relative to it."""
+    store_vectors(memory, STATE, lane, moved(s, 1.0, memory[PLACE:REFERENCE], lane))
     chains = memory[memory.shape[0] - BEHIND :]
     store_vectors(memory, FORCES, lane, estimated_forces(chains, lane, mismatch, model))
     if rigid is not None:
@@ -260,24 +264,36 @@ def _store(
 
 
 @inlined
+def _measured(
+    memory: Any, lane: int, seen: Any, model: Pendulum, rigid: RigidSettings | None
+) -> tuple[VehicleState, Derivatives, AdrcMeasurement]:
+    """Write the reference of a measurement into an estimate; return the state relative to it, it, and the outputs."""
+    store_measured_reference(memory, lane, seen)
+    s = moved(measured_state(memory, lane, seen), -1.0, memory[PLACE:REFERENCE], lane)
+    reference = load_reference(seen, REFERENCE, lane)
+    return s, reference, measurement_of_state(s, reference, model, rigid)
+
+
+@inlined
 def begin(
     memory: Any,
     lane: int,
-    measured: VehicleState,
+    seen: Any,
     has_rates: bool,
-    reference: Derivatives,
     mismatch: float,
     model: Pendulum,
     rigid: RigidSettings | None,
 ) -> None:
     """Write the estimate at the start of an episode."""
-    m, first = measurement_of_state(measured, reference, model, rigid), memory.shape[0] - BEHIND
+    first = memory.shape[0] - BEHIND
     for i in range(memory.shape[0]):
         memory[i, lane] = 0.0
     memory[MASS_RATIO, lane] = 1.0
+    store(memory, ANCHOR, lane, load(seen, PLACE, lane))
+    measured, reference, m = _measured(memory, lane, seen, model, rigid)
     begin_observers(m, model, memory[first:], lane)
     s = state_from_chains(measured, has_rates, reference, m, memory[first:], lane, model, rigid)
-    _store(memory, lane, s, reference, mismatch, model, rigid)
+    _store(memory, lane, s, mismatch, model, rigid)
     if rigid is not None:
         store_four(memory, RIGID_PART + ROTOR_THRUST, lane, rigid.rotors.hover)
 
@@ -287,9 +303,8 @@ def correct(
     memory: Any,
     lane: int,
     before: Any,
-    measured: VehicleState,
+    seen: Any,
     has_rates: bool,
-    reference: Derivatives,
     bank: Any,
     numbers: BankNumbers,
     sensor_delay: int,
@@ -301,13 +316,14 @@ def correct(
     `before` is that at the beginning of the period, and `bank` that of `observers.design_observers`.
     """
     first, held, predicted = memory.shape[0] - BEHIND, load_state(before, STATE, lane), load_state(memory, STATE, lane)
-    seen = measurement_of_state(held, load_reference(before, REFERENCE, lane), model, rigid)
-    m = measurement_of_state(measured, reference, model, rigid)
+    relative, _, wanted = law_inputs(before.T, lane)
+    earlier = measurement_of_state(relative, wanted, model, rigid)
+    measured, reference, m = _measured(memory, lane, seen, model, rigid)
     command = load_four(memory, memory.shape[0] - COMMAND_SIZE, lane)
     if rigid is not None:
-        command = _known_command(held, predicted, seen, numbers.period, model, rigid)
+        command = _known_command(held, predicted, earlier, numbers.period, model, rigid)
     past, chains = before[first:], memory[first:]
-    start = observer_inputs(seen, past, lane, command, numbers.mismatch, model)
+    start = observer_inputs(earlier, past, lane, command, numbers.mismatch, model)
     end = observer_inputs(m, past, lane, command, numbers.mismatch, model)
     begin_observers(m, model, chains, lane)
     for i in range(4 * bank.shape[0]):
@@ -322,7 +338,7 @@ def correct(
     if not has_rates:
         rate = _corrected_rate(s, predicted, numbers.rate_share)
         s = VehicleState(s.position, s.velocity, s.euler, rate, s.direction, s.direction_rate)
-    _store(memory, lane, s, reference, numbers.mismatch, model, rigid)
+    _store(memory, lane, s, numbers.mismatch, model, rigid)
 
 
 @compiled
@@ -337,15 +353,15 @@ def _observe(
     out: Floats,
 ) -> None:
     """Begin or correct estimates in place that were advanced by a period."""
-    (observation, has_rates), numbers, plant, memory = seen, unpack_bank(packed_bank), unpack_loop(packed).plant, out.T
+    lanes, has_rates = seen[0].T, seen[1]
+    numbers, plant, memory = unpack_bank(packed_bank), unpack_loop(packed).plant, out.T
     model, rigid = plant.pendulum, None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
-        measured, wanted = measure(observation.T, row, has_rates, model.vehicle.rod_length)
         if started[row]:
-            begin(memory, row, measured, has_rates, wanted, numbers.mismatch, model, rigid)
+            begin(memory, row, lanes, has_rates, numbers.mismatch, model, rigid)
         else:
             delay = plant.sensor_delay
-            correct(memory, row, before.T, measured, has_rates, wanted, bank, numbers, delay, model, rigid)
+            correct(memory, row, before.T, lanes, has_rates, bank, numbers, delay, model, rigid)
 
 
 @inlined
@@ -426,7 +442,8 @@ class DesoBank:
         started: Booleans | None = None,
     ) -> Estimate:
         """Return the estimates after an observation; see `kalman.Estimator.observe`."""
-        started, seen = observed_rows(observation, self.loop, before, started)
+        length = self.simulation.parameters.rod_length
+        started, seen = observed_rows(observation, self.loop, length, before, started)
         last = np.empty((len(observation), self.size)) if before is None else before.array
         out = last.copy()
         if before is not None and action is not None:

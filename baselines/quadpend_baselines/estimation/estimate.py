@@ -4,16 +4,21 @@ An estimate is a flat vector with this layout (`Estimate` names its parts):
 
 | fields | name          | content                                                                                    |
 |--------|---------------|--------------------------------------------------------------------------------------------|
-| 0–17   | `state`       | x̂ as in `quadpend_gym.physics.state`; position and velocity are relative to the reference  |
+| 0–17   | `state`       | x̂ as in `quadpend_gym.physics.state`; the position is relative to the anchor               |
 | 18–26  | `disturbance` | d̂, laid out as `Disturbance`, N and N·m                                                    |
-| 27–41  | `reference`   | F_d⁽ⁱ⁾ for i = 2 … 6 of the latest measurement                                             |
-| 42–44  | `yaw`         | its ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s²                                                    |
-| 45     | `mass_ratio`  | μ̂, effective ratio of weight to thrust, which scales the masses of quadrotor and bob      |
-| 46     | `age`         | number of corrections since the episode began                                              |
-| 47–64  | `innovation`  | measured minus predicted state before the latest correction; 0 for rates not measured      |
-| 65–75  | `rigid`       | quaternion, body rate and rotor thrusts of a rigid vehicle, see `physics.rigid_kernel`     |
-| 76–    |               | memory of the known loop, see `loop.act`; with a latency that is not a whole number of     |
+| 27–32  | `place`       | F_d, relative to the anchor, and Ḟ_d                                                       |
+| 33–47  | `reference`   | F_d⁽ⁱ⁾ for i = 2 … 6 of the latest measurement                                             |
+| 48–50  | `yaw`         | its ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s²                                                    |
+| 51     | `mass_ratio`  | μ̂, effective ratio of weight to thrust, which scales the masses of quadrotor and bob      |
+| 52     | `age`         | number of corrections since the episode began                                              |
+| 53–70  | `innovation`  | measured minus predicted state before the latest correction; 0 for rates not measured      |
+| 71–81  | `rigid`       | quaternion, body rate and rotor thrusts of a rigid vehicle, see `physics.rigid_kernel`     |
+| 82–84  | `anchor`      | the place of the reference when the episode began, m                                       |
+| 85–    |               | memory of the known loop, see `loop.act`; with a latency that is not a whole number of     |
 |        |               | periods then the action before                                                             |
+
+A measurement has the same layout, with position and place in the world, and zeros for what is not measured. Where an
+observation has errors alone, the place is zero, and the anchor of an estimate moves with the reference (`rebase`).
 """
 
 from typing import Any, NamedTuple
@@ -32,11 +37,13 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.attitude import body_rate, quaternion_from_euler
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION
-from quadpend_gym.physics.state import FORCE, TORQUE
-from quadpend_gym.physics.vectors import Vec3, store, store_four
+from quadpend_gym.physics.state import FORCE, POSITION, TORQUE, VELOCITY
+from quadpend_gym.physics.vectors import Vec3, axpy, load, store, store_four
 
 ORDERS = 5  # derivatives of the reference, of order 2 … 6
-STATE, DISTURBANCE, REFERENCE, YAW, MASS_RATIO, AGE, INNOVATION, RIGID_PART, LOOP = 0, 18, 27, 42, 45, 46, 47, 65, 76
+STATE, DISTURBANCE, PLACE, REFERENCE, YAW, MASS_RATIO, AGE, INNOVATION, RIGID_PART, ANCHOR, LOOP = (
+    *(0, 18, 27, 33, 48, 51, 52, 53, 71, 82, 85),
+)
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
 LEAST_HEIGHT = float(np.sqrt(1.0 - _MAX_HORIZONTAL**2))  # r_z there
 
@@ -57,17 +64,22 @@ class _Rows(NamedTuple):
 
 
 class Estimate(_Rows):
-    """Named views of n estimates, see the table above; writing into a view writes into the array.
-
-    Measurements have the same layout; what is not measured is 0.
-    """
+    """Named views of n estimates, see the table above; writing into a view writes into the array."""
 
     state = _Part(STATE, DISTURBANCE)
-    disturbance = _Part(DISTURBANCE, REFERENCE)
+    disturbance = _Part(DISTURBANCE, PLACE)
+    place = _Part(PLACE, REFERENCE)
     yaw = _Part(YAW, MASS_RATIO)
     mass_ratio = _Part(MASS_RATIO, AGE)  # shape (n, 1)
     innovation = _Part(INNOVATION, RIGID_PART)
-    rigid = _Part(RIGID_PART, LOOP)
+    rigid = _Part(RIGID_PART, ANCHOR)
+
+    @property
+    def relative(self) -> Floats:
+        """Return the state with position and velocity relative to the reference, shape (n, 18)."""
+        out = self.state.copy()
+        out[:, : VELOCITY + 3] -= self.place
+        return out
 
     @property
     def reference(self) -> Floats:
@@ -80,26 +92,62 @@ def disturbance_of(estimate: Floats, weight: float) -> Floats:
 
     The vertical force includes the weight of the estimated deviation from the nominal mass; `weight` is nominal, N.
     """
-    out: Floats = estimate[:, DISTURBANCE:REFERENCE].copy()
+    out: Floats = estimate[:, DISTURBANCE:PLACE].copy()
     out[:, FORCE + 2] -= (estimate[:, MASS_RATIO] - 1.0) * weight
     return out
 
 
 def nominal(estimate: Estimate) -> Estimate:
-    """Return the estimate with the forces under which the nominal vehicle moves alike.
+    """Return the estimate relative to the reference, with the forces under which the nominal vehicle moves alike.
 
     A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
     """
     out = Estimate(estimate.array.copy())
+    out.state[:], out.place[:] = estimate.relative, 0.0
     out.disturbance[:, :TORQUE] /= estimate.mass_ratio
     return out
 
 
 @inlined
+def moved(state: VehicleState, share: float, place: Any, lane: int) -> VehicleState:
+    """Return a state with `share` times the place and the velocity that stand in the six fields of `place`."""
+    s = state
+    position = axpy(share, load(place, 0, lane), s.position)
+    velocity = axpy(share, load(place, 3, lane), s.velocity)
+    return VehicleState(position, velocity, s.euler, s.euler_rate, s.direction, s.direction_rate)
+
+
+@inlined
 def law_inputs(estimate: Any, row: int) -> tuple[VehicleState, Forces, Derivatives]:
-    """Return state, disturbance and reference of an estimate."""
+    """Return state relative to the reference, disturbance and reference of an estimate."""
     lanes = estimate.T
-    return load_state(lanes, STATE, row), load_forces(lanes, DISTURBANCE, row), load_reference(lanes, REFERENCE, row)
+    state = moved(load_state(lanes, STATE, row), -1.0, lanes[PLACE:REFERENCE], row)
+    return state, load_forces(lanes, DISTURBANCE, row), load_reference(lanes, REFERENCE, row)
+
+
+@inlined
+def rebase(memory: Any, lane: int, share: float) -> None:
+    """Move the anchor to the reference, in place; `share` is 1, or 0 for an anchor that stays."""
+    for i in range(REFERENCE - PLACE):
+        memory[POSITION + i, lane] -= share * memory[PLACE + i, lane]
+        memory[PLACE + i, lane] -= share * memory[PLACE + i, lane]
+
+
+@inlined
+def store_measured_reference(memory: Any, lane: int, seen: Any) -> None:
+    """Write the reference of a measurement into an estimate, relative to its anchor."""
+    for i in range(MASS_RATIO - PLACE):
+        memory[PLACE + i, lane] = seen[PLACE + i, lane]
+    for i in range(3):
+        memory[PLACE + i, lane] -= memory[ANCHOR + i, lane]
+
+
+@inlined
+def measured_state(memory: Any, lane: int, seen: Any) -> VehicleState:
+    """Return the state of a measurement relative to the anchor of an estimate."""
+    s = load_state(seen, STATE, lane)
+    position = axpy(-1.0, load(memory, ANCHOR, lane), s.position)
+    return VehicleState(position, s.velocity, s.euler, s.euler_rate, s.direction, s.direction_rate)
 
 
 @inlined

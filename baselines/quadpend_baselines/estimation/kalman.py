@@ -33,21 +33,26 @@ import numpy as np
 
 from quadpend_baselines.estimation.estimate import (
     AGE,
+    ANCHOR,
     DISTURBANCE,
     INNOVATION,
     LEAST_HEIGHT,
     LOOP,
     MASS_RATIO,
+    PLACE,
     REFERENCE,
     RIGID_PART,
     STATE,
     Estimate,
     is_bounded,
+    measured_state,
+    moved,
     project_direction,
     store_attitude,
+    store_measured_reference,
 )
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.measurement import measure, observed_rows
+from quadpend_baselines.estimation.measurement import observed_rows
 from quadpend_baselines.estimation.prediction import BUFFER_SIZE, Prediction, unpack_loop
 from quadpend_baselines.gains import EstimatorGains
 from quadpend_baselines.modelling import linear_model
@@ -60,12 +65,11 @@ from quadpend_baselines.modelling.linear_model import (
     state_of_model,
 )
 from quadpend_baselines.modelling.quantities import (
-    Derivatives,
     Forces,
-    VehicleState,
     calm,
     combine,
     load_forces,
+    load_reference,
     load_state,
     store_vectors,
     turn3,
@@ -78,7 +82,7 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import STATE_SIZE
-from quadpend_gym.physics.vectors import Vec3, load, store_four
+from quadpend_gym.physics.vectors import Vec3, load, store, store_four
 
 _VARYING_STEPS = 100  # corrections after which the gain is constant
 MAX_ESTIMATE = 300.0  # SI units, limit of disturbance estimates; a larger state estimate restarts the observer
@@ -97,22 +101,24 @@ _INITIAL_RATE = 0.1  # of every rate that is not measured, SI units
 def begin(
     memory: Any,
     lane: int,
-    measured: VehicleState,
+    seen: Any,
     has_rates: bool,
-    reference: Derivatives,
     model: Pendulum,
     rigid: RigidSettings | None,
 ) -> None:
     """Write the estimate at the start of an episode; age and memory of the loop stay as they are.
 
-    Rates that are not measured are those of the trajectory that follows the reference; the disturbance is zero.
+    The lanes `seen` have the measurement. Rates that are not measured are those of the trajectory that follows the
+    reference; the disturbance is zero.
     """
-    desired, _ = follow(reference, calm(), model)
-    state = project_direction(measured if has_rates else with_rates(measured, desired))
     for i in range(LOOP):
         memory[i, lane] = memory[i, lane] if i == AGE else 0.0
+    store(memory, ANCHOR, lane, load(seen, PLACE, lane))
+    store_measured_reference(memory, lane, seen)
+    desired, _ = follow(load_reference(seen, REFERENCE, lane), calm(), model)
+    rates, measured = moved(desired, 1.0, memory[PLACE:REFERENCE], lane), measured_state(memory, lane, seen)
+    state = project_direction(measured if has_rates else with_rates(measured, rates))
     store_vectors(memory, STATE, lane, state)
-    store_vectors(memory, REFERENCE, lane, reference)
     memory[MASS_RATIO, lane] = 1.0
     if rigid is not None:
         store_attitude(memory, RIGID_PART, lane, state)
@@ -132,9 +138,8 @@ def _corrected(gain: Any, row: int, first: int, x: Any) -> float:
 def correct(
     memory: Any,
     lane: int,
-    measured: VehicleState,
+    seen: Any,
     has_rates: bool,
-    reference: Derivatives,
     gain: Any,
     mass_share: float,
     p: Parameters,
@@ -143,10 +148,10 @@ def correct(
 ) -> None:
     """Correct a predicted estimate in place by equations (2) and (3).
 
-    The gain L has the shape (24, 16), or (24, 32) with L_gust − L_calm of equation (4) behind L_calm. The buffer has at
-    least the shape (24, 1); `mass_share` is ε of equation (3).
+    The lanes `seen` have the measurement. The gain L has the shape (24, 16), or (24, 32) with L_gust − L_calm of
+    equation (4) behind L_calm. The buffer has at least the shape (24, 1); `mass_share` is ε of equation (3).
     """
-    predicted = load_state(memory, STATE, lane)
+    predicted, measured = load_state(memory, STATE, lane), measured_state(memory, lane, seen)
     innovation = combine(-1.0, predicted, measured if has_rates else with_rates(measured, predicted))
     store_vectors(memory, INNOVATION, lane, innovation)
     sine, cosine = sincos(predicted.euler.z)
@@ -174,7 +179,7 @@ def correct(
         Vec3(_bounded(d.torque.x + torque.x), _bounded(d.torque.y + torque.y), _bounded(d.torque.z + torque.z)),
     )
     store_vectors(memory, DISTURBANCE, lane, forces)
-    store_vectors(memory, REFERENCE, lane, reference)
+    store_measured_reference(memory, lane, seen)
     if rigid is not None:
         store_attitude(memory, RIGID_PART, lane, state)
 
@@ -190,22 +195,22 @@ def _observe(
 ) -> None:
     """Begin or correct estimates in place that were advanced by a period."""
     loop, memory, buffer = unpack_loop(packed), out.T, np.empty((BUFFER_SIZE, 1))
-    observation, has_rates = seen
+    lanes, has_rates = seen[0].T, seen[1]
     rigid, model = None if packed_rigid is None else unpack_rigid(packed_rigid), loop.plant.pendulum
     for row in range(out.shape[0]):
-        measured, wanted = measure(observation.T, row, has_rates, model.vehicle.rod_length)
         if started[row]:
             for i in range(out.shape[1]):
                 out[row, i] = 0.0
-            begin(memory, row, measured, has_rates, wanted, model, rigid)
+            begin(memory, row, lanes, has_rates, model, rigid)
         else:
             gain = table[min(int(out[row, AGE]) - 1, table.shape[0] - 1)]
-            correct(memory, row, measured, has_rates, wanted, gain, mass_share, model.vehicle, rigid, buffer)
+            correct(memory, row, lanes, has_rates, gain, mass_share, model.vehicle, rigid, buffer)
             is_valid = is_bounded(memory, row, STATE_SIZE, MAX_ESTIMATE)
             # A delayed sensor repeats its first sample.
             if not (is_valid and out[row, AGE] > loop.plant.sensor_delay):
                 out[row, AGE] = out[row, AGE] if is_valid else 0.0
-                begin(memory, row, measured, has_rates, wanted, model, rigid)
+                begin(memory, row, lanes, has_rates, model, rigid)
+        measured = measured_state(memory, row, lanes)
         if has_rates and measured.direction.z < LEAST_HEIGHT:  # L_x is that of an upright pendulum
             store_vectors(memory, STATE, row, measured)
             if rigid is not None:
@@ -269,7 +274,8 @@ class Estimator:
             action: The actions since then, shape (n, 4).
             started: The rows whose episode begins with this observation, shape (n,); None: none of them.
         """
-        started, seen = observed_rows(observation, self.loop, before, started)
+        length = self.simulation.parameters.rod_length
+        started, seen = observed_rows(observation, self.loop, length, before, started)
         out = np.empty((len(observation), self.size)) if before is None else before.array.copy()
         if before is not None and action is not None:
             self.prediction.advance(out, action)

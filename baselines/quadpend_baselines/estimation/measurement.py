@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.estimation.estimate import LOOP, REFERENCE, STATE, YAW, Estimate
+from quadpend_baselines.estimation.estimate import LOOP, REFERENCE, STATE, YAW, Estimate, law_inputs
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, load_state, store_vectors
+from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, store_vectors
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.vectors import Vec3
@@ -51,8 +51,8 @@ def read_reference(observation: Any, place: int, lane: int) -> Derivatives:
 
 
 @inlined
-def measure(observation: Any, lane: int, has_rates: bool, rod_length: float) -> tuple[VehicleState, Derivatives]:
-    """Return the measured state, relative to the reference, and the reference; rates that are not measured are zero."""
+def measure(observation: Any, lane: int, has_rates: bool, rod_length: float, out: Any) -> None:
+    """Write the measured state, relative to the reference, and the reference; rates that are not measured are zero."""
     step = 6 if has_rates else 3
     none = Vec3(0.0, 0.0, 0.0)
     r = scaled_vector(observation, step, DIRECTION, lane)
@@ -67,15 +67,14 @@ def measure(observation: Any, lane: int, has_rates: bool, rod_length: float) -> 
     position = Vec3(error.x - rod_length * r.x, error.y - rod_length * r.y, error.z)
     velocity = Vec3(error_rate.x - rod_length * r_dot.x, error_rate.y - rod_length * r_dot.y, error_rate.z)
     euler = Vec3(attitude.x, attitude.y, attitude.z + reference.yaw.x)
-    return VehicleState(position, velocity, euler, euler_rate, r, r_dot), reference
+    store_vectors(out, STATE, lane, VehicleState(position, velocity, euler, euler_rate, r, r_dot))
+    store_vectors(out, REFERENCE, lane, reference)
 
 
 @compiled
-def _measure_rows(observation: Floats32, has_rates: bool, rod_length: float, out: Floats) -> None:
+def _measure_rows(observation: Floats, has_rates: bool, rod_length: float, out: Floats) -> None:
     for row in range(out.shape[0]):
-        state, reference = measure(observation.T, row, has_rates, rod_length)
-        store_vectors(out.T, STATE, row, state)
-        store_vectors(out.T, REFERENCE, row, reference)
+        measure(observation.T, row, has_rates, rod_length, out.T)
 
 
 def measurement_from_observation(
@@ -88,14 +87,14 @@ def measurement_from_observation(
     fields.check(observation)
     has_rates = set(FULL) <= set(fields)
     columns, out = fields.select(FULL if has_rates else OUTPUT_FEEDBACK), np.zeros((len(observation), LOOP))
-    _measure_rows(np.ascontiguousarray(observation[:, columns], np.float32), has_rates, rod_length, out)
+    _measure_rows(np.ascontiguousarray(observation[:, columns], np.float64), has_rates, rod_length, out)
     return Estimate(out)
 
 
 @compiled
 def _observation_rows(estimate: Floats, rod_length: float, out: Floats32) -> None:
     for row in range(out.shape[0]):
-        s = load_state(estimate.T, STATE, row)
+        s, _, _ = law_inputs(estimate, row)
         attitude = Vec3(s.euler.x, s.euler.y, s.euler.z - float(np.float32(estimate[row, YAW])))
         fields = (*bob_offset(s, rod_length), s.direction, s.direction_rate, attitude, s.euler_rate)
         for i in range(REFERENCE_START):
@@ -112,13 +111,13 @@ def observation_of(estimate: Estimate, rod_length: float) -> Floats32:
 
 
 def observed_rows(
-    observation: Floats32, loop: Loop, before: Estimate | None, started: Booleans | None
+    observation: Floats32, loop: Loop, rod_length: float, before: Estimate | None, started: Booleans | None
 ) -> tuple[Booleans, tuple[Floats, bool]]:
-    """Return which episodes begin, shape (n,), and the observation with whether it has rates, for compiled functions.
+    """Return which episodes begin, shape (n,), and what compiled functions need of the observation.
 
-    The arguments are those of `kalman.Estimator.observe`.
+    These are the measurements, and whether they have rates. The arguments are those of `kalman.Estimator.observe`.
     """
-    loop.observation.check(observation)
     if started is None:
         started = np.full(len(observation), before is None)
-    return started, (np.ascontiguousarray(observation, np.float64), loop.has_rates)
+    measured = measurement_from_observation(observation, rod_length, loop.observation)
+    return started, (measured.array, loop.has_rates)

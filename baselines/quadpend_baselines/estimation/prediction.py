@@ -6,8 +6,7 @@ f is that of the simulation itself, with nominal parameters, and delays the acti
 the schedule of the environments (`quadpend_gym.envs.loops`). The masses are those of the mass ratio μ̂. The state of a
 rigid vehicle includes the thrusts of its rotors.
 
-Positions and velocities are relative to the reference, which accelerates. The prediction therefore subtracts the motion
-of the reference over a period, a polynomial of order 6.
+The reference moves along, as a polynomial of order 6.
 """
 
 from dataclasses import dataclass, replace
@@ -21,12 +20,14 @@ from quadpend_baselines.estimation.estimate import (
     DISTURBANCE,
     LOOP,
     MASS_RATIO,
+    PLACE,
     REFERENCE,
     RIGID_PART,
     STATE,
     YAW,
     Estimate,
     project_direction,
+    rebase,
 )
 from quadpend_baselines.estimation.loop import Loop, act, compensate
 from quadpend_baselines.modelling.equivalent import Pendulum, equivalent_model
@@ -40,7 +41,7 @@ from quadpend_gym.physics.euler_kernel import EulerSettings, integrate_euler
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, POSITION, STATE_SIZE, VELOCITY
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, load, load_four, store, store_four
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS
 
@@ -64,6 +65,7 @@ class PlantNumbers(NamedTuple):
     command_scale: Four  # see `Simulation.command_scale`
     delay: int  # periods from the choice of an action until it acts
     sensor_delay: int  # those among them that delay the measurement
+    moves: float  # 1: the anchor of an estimate moves with the reference; 0: it stays
 
 
 class LoopNumbers(NamedTuple):
@@ -85,15 +87,15 @@ def unpack_loop(packed: Any) -> LoopNumbers:
 
 
 @inlined
-def _move_reference(memory: Any, lane: int, t: float) -> None:
-    """Subtract the motion of the reference over a time t (s) from position and velocity, and advance the reference."""
+def move_reference(memory: Any, lane: int, t: float) -> None:
+    """Advance the reference by a time t (s)."""
     for axis in range(3):
-        first = REFERENCE + axis
+        place, first = PLACE + axis, REFERENCE + axis
         a, b, c = memory[first, lane], memory[first + 3, lane], memory[first + 6, lane]
         d, e = memory[first + 9, lane], memory[first + 12, lane]
         shift = t * t / 2.0 * (a + t / 3.0 * (b + t / 4.0 * (c + t / 5.0 * (d + t / 6.0 * e))))
-        memory[POSITION + axis, lane] -= shift
-        memory[VELOCITY + axis, lane] -= t * (a + t / 2.0 * (b + t / 3.0 * (c + t / 4.0 * (d + t / 5.0 * e))))
+        memory[place, lane] += t * memory[place + 3, lane] + shift
+        memory[place + 3, lane] += t * (a + t / 2.0 * (b + t / 3.0 * (c + t / 4.0 * (d + t / 5.0 * e))))
         memory[first, lane] = a + t * (b + t / 2.0 * (c + t / 3.0 * (d + t / 4.0 * e)))
         memory[first + 3, lane] = b + t * (c + t / 2.0 * (d + t / 3.0 * e))
         memory[first + 6, lane] = c + t * (d + t / 2.0 * e)
@@ -142,7 +144,8 @@ def advance(
             memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
     for i in range(STATE_SIZE):
         memory[i, lane] = buffer[i, 0]
-    _move_reference(memory, lane, period)
+    move_reference(memory, lane, period)
+    rebase(memory, lane, plant.moves)
     memory[AGE, lane] += 1.0
 
 
@@ -235,7 +238,7 @@ class Prediction:
         """What compiled functions need: packed `LoopNumbers`, and packed settings of a rigid vehicle."""
         model, p, scale = equivalent_model(self.simulation), self.simulation.parameters, self.simulation.command_scale
         areas, loop = (p.quadrotor_drag_area, p.bob_drag_area), self.loop
-        plant = PlantNumbers(model.numbers, *areas, Four(*scale.tolist()), loop.steps, loop.sensor_delay)
+        plant = PlantNumbers(model.numbers, *areas, Four(*scale.tolist()), loop.steps, loop.sensor_delay, 1.0)
         rest = self._latency[1] * self.simulation.period / self.simulation.substeps
         schedule = Schedule(None, replace(self.simulation, latency=rest), 1)
         return (self.parts, schedule.loops, self.actuators, pack(plant)), model.packed_rigid

@@ -140,7 +140,7 @@ def test_the_gain_of_strong_wind_applies_where_the_bob_is_pushed() -> None:
     assert_array_equal(correction(both, 0.0), correction(calm, 0.0))
     assert_allclose(correction(both, 1.5 * limit), correction(gust, 1.5 * limit), atol=1e-12)
     mean = 0.75 * correction(calm, 0.5 * limit) + 0.25 * correction(gust, 0.5 * limit)
-    force = slice(estimate.DISTURBANCE, estimate.REFERENCE)
+    force = slice(estimate.DISTURBANCE, estimate.PLACE)
     assert_allclose(correction(both, 0.5 * limit)[:, force], mean[:, force], atol=1e-12)
 
 

@@ -69,7 +69,7 @@ def test_estimate_is_carried_forward_to_the_time_when_the_action_acts() -> None:
     for step in (0, 36):
         memory = flight.memories[step]
         ahead = prediction.carry_forward(memory.estimate, memory.action)
-        assert_allclose(ahead.state, flight.states[step + 3], atol=3e-6)
+        assert_allclose(ahead.relative, flight.states[step + 3], atol=3e-6)
         later = measurement_of(flight.states[step], CIRCLE, (step + 3) * simulation.period)
         # The derivatives of the highest order in the observation are taken as constant.
         assert_allclose(ahead.reference[:, :3], later.reference[:, :3], atol=1e-3)

@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines.estimation import kalman
+from quadpend_baselines.estimation.estimate import LOOP
 from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.estimation.measurement import measure
 from quadpend_baselines.estimation.prediction import (
@@ -94,6 +95,13 @@ def arrived(later: Any, prediction: Prediction) -> Any:
     return after
 
 
+def measurement(observed: Any, has_rates: bool, rod_length: float) -> Any:
+    """Return the measurement of an observation as lanes."""
+    seen = np.zeros((LOOP, 1), object)
+    lift(measure)(columns(observed), 0, has_rates, rod_length, seen)
+    return seen
+
+
 def correction(estimator: Estimator, has_rates: bool) -> Any:
     """Return the correction of an estimate, (memory, observed, gain) → next; gains that are always zero are left out.
 
@@ -106,9 +114,8 @@ def correction(estimator: Estimator, has_rates: bool) -> Any:
     def correct(memory: Any, observed: Any, gain: Any) -> dict[str, Any]:
         given, after, buffer = np.zeros(used.shape, object), columns(memory), np.empty((len(used), 1), object)
         given[used] = ca.vertsplit(gain)
-        measured, reference = lift(measure)(columns(observed), 0, has_rates, vehicle.rod_length)
-        share = estimator.numbers[0]
-        lift(kalman.correct)(after, 0, measured, has_rates, reference, given, share, vehicle, rigid, buffer)
+        seen, share = measurement(observed, has_rates, vehicle.rod_length), estimator.numbers[0]
+        lift(kalman.correct)(after, 0, seen, has_rates, given, share, vehicle, rigid, buffer)
         return {"next": vector(after)}
 
     observed = OBSERVATION_SIZE if has_rates else OUTPUT_FEEDBACK_SIZE

@@ -18,16 +18,14 @@ from quadpend_baselines.estimation.estimate import (
     DISTURBANCE,
     INNOVATION,
     MASS_RATIO,
-    REFERENCE,
     RIGID_PART,
     Estimate,
     is_bounded,
+    store_measured_reference,
 )
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.estimation.measurement import measure
 from quadpend_baselines.hybrid import EstimateOnly, ResidualAction
 from quadpend_baselines.hybrid.parts import InputPart, observed_part
-from quadpend_baselines.modelling.quantities import store_vectors
 from quadpend_gym import Simulation
 from quadpend_gym.engines import columns, lift, vector
 from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
@@ -40,6 +38,7 @@ from quadpend_train.common.lifted import (
     correction,
     function,
     lifted_plant,
+    measurement,
     numbers_of,
     row,
     seen_by,
@@ -115,12 +114,6 @@ def _base(controller: Any) -> _Base:
     return _Base(observer, lambda memory, later: row(later), lambda later, law: (ca.SX(ACTION_SIZE, 1), law), 0)
 
 
-def _measured(observed: Any, length: float) -> tuple[Any, bool, Any]:
-    """Return the measured state, that rates are not measured, and the reference."""
-    state, reference = lift(measure)(columns(observed), 0, False, length)
-    return state, False, reference
-
-
 def _kalman(found: Estimator) -> Program:
     """Return the Kalman observer."""
     size, (loop, rigid) = found.size, numbers_of(found.prediction)
@@ -130,12 +123,12 @@ def _kalman(found: Estimator) -> Program:
 
     def begin(observed: Any) -> dict[str, Any]:
         memory = np.zeros((size, 1), object)
-        lift(kalman.begin)(memory, 0, *_measured(observed, length), pendulum, rigid)
+        lift(kalman.begin)(memory, 0, measurement(observed, False, length), False, pendulum, rigid)
         return {"memory": vector(memory)}
 
     def miss(memory: Any, observed: Any) -> dict[str, Any]:
         after = columns(memory)
-        lift(store_vectors)(after, REFERENCE, 0, _measured(observed, length)[2])
+        lift(store_measured_reference)(after, 0, measurement(observed, False, length))
         after[INNOVATION:RIGID_PART] = 0.0  # nothing was measured
         return {"next": vector(after)}
 
@@ -154,7 +147,7 @@ def _deso(found: DesoBank) -> Program:
 
     def begin(observed: Any) -> dict[str, Any]:
         memory = np.zeros((size, 1), object)
-        lift(deso.begin)(memory, 0, *_measured(observed, length), found.bank.mismatch, model, rigid)
+        lift(deso.begin)(memory, 0, measurement(observed, False, length), False, found.bank.mismatch, model, rigid)
         return {"memory": vector(memory)}
 
     def release(memory: Any) -> dict[str, Any]:
@@ -164,7 +157,8 @@ def _deso(found: DesoBank) -> Program:
 
     def correct(memory: Any, plant: Any, observed: Any) -> dict[str, Any]:
         after, kernel = columns(plant), lift(deso.correct, {is_bounded: lambda *_: True})
-        kernel(after, 0, columns(memory), *_measured(observed, length), bank, found.bank, 0, model, rigid)
+        seen = measurement(observed, False, length)
+        kernel(after, 0, columns(memory), seen, False, bank, found.bank, 0, model, rigid)
         return {"next": vector(after)}
 
     functions["begin"] = function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)
