@@ -33,6 +33,7 @@ from quadpend_gym.wind import (
     PaperGusts,
     Rescaled,
     Sinusoid,
+    Step,
     StillAir,
     VonKarman,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "SinusoidTerm",
     "StartSettings",
     "State",
+    "Step",
     "StillAir",
     "Task",
     "VonKarman",

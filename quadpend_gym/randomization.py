@@ -83,6 +83,24 @@ def as_ranges(value: Any) -> ParameterRanges | Around:
 
 
 @settings
+class LoopChanges:
+    """What changes once within an episode, each drawn uniformly in its interval; None: it stays.
+
+    The numbers hold from the first control step at or after the time `at` on; [0, 0] is the whole episode.
+    """
+
+    at: Annotated[Interval, Range(0.0, 1e6, "s")]  # time of the change
+    latency: Annotated[Interval | None, Range(0.0, 1.0, "s")] = None  # instead of that of the episode
+    thrust: _Factors = None  # factor on thrust and torques instead of that of the episode
+    # factor on the thrust of one rotor, which is drawn too, besides that of all rotors
+    rotors: Annotated[Interval | None, Range(0.0, 20.0)] = None
+
+    def __post_init__(self) -> None:
+        if not (self.latency or self.thrust or self.rotors):
+            raise ValueError("at least one of latency, thrust and rotors must be given")
+
+
+@settings
 class LoopRanges:
     """Intervals of what lies between an action and the thrust, drawn for each episode; None: the nominal value.
 
@@ -96,10 +114,11 @@ class LoopRanges:
     rate_loop: _Factors = None  # factor on the time constant of the rate loop
     rotor_lag: _Factors = None  # factor on the time constants of the rotors
     thrust: _Factors = None  # factor on thrust and torques of the same command, as by the battery's voltage
+    changes: LoopChanges | None = None  # what changes within the episode; None: nothing
 
     def __post_init__(self) -> None:
-        if not self.jitter and not any(getattr(self, name) for name in LOOP_NAMES):
-            raise ValueError(f"at least one of {', '.join(LOOP_NAMES)} and jitter must be given")
+        if not any(getattr(self, name) for name in (*LOOP_NAMES, "jitter", "changes")):
+            raise ValueError(f"at least one of {', '.join(LOOP_NAMES)}, jitter and changes must be given")
 
     def check(self, simulation: Simulation) -> None:
         """Refuse what a simulation does not have, and what its vehicle cannot be."""
@@ -111,6 +130,8 @@ class LoopRanges:
             raise ValueError(
                 f"loop.rotor_lag needs rotors with a lag, which the vehicle {vehicle.name!r} does not have"
             )
+        if self.changes and self.changes.rotors and rotors is None:
+            raise ValueError(f"loop.changes.rotors needs rotors, which the vehicle {vehicle.name!r} does not have")
         fastest, slowest = (self.rate_loop or (1.0,))[0], (self.rotor_lag or (1.0,))[-1]
         constant = fastest * vehicle.rate_loop.time_constant
         if interface == "body_rates" and constant < FASTEST_LOOP * slowest * lag:

@@ -10,7 +10,7 @@ from experiments.pages import fill
 from quadpend_gym import Limits, Reference, ReferenceSettings, RewardWeights, StartSettings
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.settings import Range, declared
-from quadpend_gym.randomization import Around, LoopRanges
+from quadpend_gym.randomization import Around, LoopChanges, LoopRanges
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import Channel
 from quadpend_gym.tasks.trajectories import SinusoidTerm, Waypoints
@@ -19,7 +19,7 @@ from quadpend_gym.wind import KINDS as WINDS
 
 PAGE = Path(__file__).parents[1] / "reference/ranges.md"
 GROUPS: dict[str, tuple[type[Any], ...]] = {
-    "simulation": (Simulation, Around, LoopRanges),
+    "simulation": (Simulation, Around, LoopRanges, LoopChanges),
     "task": (ReferenceSettings, StartSettings, Limits, RewardWeights, Reference, Waypoints, SinusoidTerm),
     "vehicles": (Vehicle, Pole, Rotors, Drag, RateLoop),
     "wind": tuple(WINDS.values()),

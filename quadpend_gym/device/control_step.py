@@ -146,8 +146,9 @@ class _Generator:
             raise ValueError(
                 "device: the generated kernel runs no autopilot: leave it out, for the rate loop of the vehicle"
             )
-        if scenario.loop is not None and scenario.loop.rotor_lag is not None:
-            raise ValueError("device: the generated kernel does not draw loop.rotor_lag: leave it out")
+        for part in ("rotor_lag", "changes"):
+            if getattr(scenario.loop, part, None) is not None:
+                raise ValueError(f"device: the generated kernel does not draw loop.{part}: leave it out")
         if self.task.jumps is not None:
             raise ValueError("device: the generated kernel does not let references jump: leave task.jumps out")
         if self.task.trajectory is not None and not is_one_term(self.task.trajectory):

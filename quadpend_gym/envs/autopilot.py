@@ -68,6 +68,7 @@ class AutopilotRows:
     def advance(self, step: Integers) -> None:
         """As `Schedule.advance`."""
         self._schedule.advance(step)
+        self.loops[:LOOP_SIZE] = self._schedule.loops[:LOOP_SIZE]
 
     def run(self, stages: int, memory: Floats, clock: Integers, columns: Floats, action: Any, *arguments: Any) -> int:
         """As `step_kernel.run_rigid`, for all sub-environments; the settings are those of `plant_simulation`."""

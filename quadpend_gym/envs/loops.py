@@ -6,6 +6,8 @@ substeps; with jitter it is D + ⌊jε + u⌋, at least 0, where j is the jitter
 uniform in [0, 1], rounds at random, so that the mean is D. Actions before the episode are hover.
 
 `randomization.LoopRanges` draws latency, time constants and thrust for each episode; without it they are nominal.
+Latency, thrust and the efficiency of one rotor can change once within an episode (`LoopChanges`); the actions issued
+from this control step on have the changed latency.
 """
 
 from math import ceil
@@ -16,12 +18,16 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.streams import LOOP_STREAM, Keys, Streams, uniform, uniform_between
-from quadpend_gym.physics.plant_kernel import LOOP_SIZE
+from quadpend_gym.physics.plant_kernel import LOOP_EFFICIENCY, LOOP_SIZE
 from quadpend_gym.physics.rigid_settings import loop_numbers, nominal_loop
-from quadpend_gym.randomization import LOOP_NAMES, LoopRanges
+from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.randomization import LOOP_NAMES, LoopChanges, LoopRanges
 from quadpend_gym.vehicles import Simulation
 
-JITTER_STREAM = 1  # substream of the jitter
+JITTER_STREAM, CHANGE_STREAM = 1, 2  # substreams of the jitter, and of the changes within an episode
+_LATENCY, _THRUST = LOOP_NAMES.index("latency"), LOOP_NAMES.index("thrust")
+_EFFICIENCY = slice(LOOP_EFFICIENCY, LOOP_EFFICIENCY + ACTION_SIZE)
+_NEVER = -1  # control step of the change of a loop that does not change
 
 
 class Schedule:
@@ -35,7 +41,8 @@ class Schedule:
             all, shape (10 + s, 1).
         ages: The last s rows of it: for each substep of the next control period, control steps since the action that
             acts was issued; 0 is the action of this control step.
-        drawn: The constants of the episodes in the order of `LOOP_NAMES`, shape (4, n); the latency in s.
+        drawn: The constants of the episodes in the order of `LOOP_NAMES`, shape (4, n); the latency in s. After a
+            change they are the changed ones; that of a single rotor is no part of them.
     """
 
     def __init__(self, ranges: LoopRanges | None, simulation: Simulation, rows: int) -> None:
@@ -44,7 +51,10 @@ class Schedule:
         pairs = [getattr(ranges, name, None) or (value, value) for name, value in zip(LOOP_NAMES, nominal, strict=True)]
         self._lowest, self._highest = np.array(pairs).T
         self.jitter = getattr(ranges, "jitter", 0.0) / simulation.period * simulation.substeps
-        latest = self._in_substeps(self._highest[0]) + ceil(self.jitter)
+        self._changes: LoopChanges | None = getattr(ranges, "changes", None)
+        changed = getattr(self._changes, "latency", None)
+        self._varies = self.jitter > 0.0 or changed is not None  # whether the latency varies within an episode
+        latest = self._in_substeps(max(self._highest[_LATENCY], *(changed or (0.0,)))) + ceil(self.jitter)
         self.slots = -(-int(latest) // simulation.substeps) + 1
         self.drawn = np.array(nominal)[:, np.newaxis] + np.zeros(rows)
         self.loops = np.repeat(nominal_loop(simulation)[:, np.newaxis], 1 if ranges is None else rows, axis=1)
@@ -53,6 +63,8 @@ class Schedule:
         self._latency = np.zeros(rows, np.int64)  # substeps
         self._arrival, self._acting = np.zeros((self.slots, rows), np.int64), np.zeros(rows, np.int64)
         self._keys = np.zeros(rows, np.uint64)
+        self._change_step = np.full(rows, _NEVER)
+        self._changed = np.zeros((len(LOOP_NAMES) + ACTION_SIZE, rows))  # `drawn` and efficiencies after the change
 
     def start_episodes(self, rows: Integers, streams: Streams) -> None:
         """Draw the constants of new episodes, each from its own number; `streams` are those of the episodes."""
@@ -67,6 +79,27 @@ class Schedule:
         self.ages[:, rows] = self._ages(latency)
         self._latency[rows], self._acting[rows] = latency, -1
         self._keys[rows] = own.derive(JITTER_STREAM).keys
+        if self._changes:
+            self._draw_change(self._changes, rows, own.derive(CHANGE_STREAM))
+
+    def _draw_change(self, changes: LoopChanges, rows: Integers, streams: Streams) -> None:
+        """Draw the changes of new episodes, whose constants are drawn, each from its own number."""
+        bounds = (changes.at, *((pair or (1.0, 1.0)) for pair in (changes.latency, changes.thrust, changes.rotors)))
+        at, latency, thrust, share, rotor = streams.between(0, *zip(*bounds, (0.0, ACTION_SIZE), strict=True)).T
+        drawn, period = self.drawn[:, rows], self._simulation.period
+        if changes.latency:
+            drawn[_LATENCY] = self._in_substeps(latency) * period / self._simulation.substeps
+        if changes.thrust:
+            drawn[_THRUST] = thrust
+        efficiency = np.tile(drawn[_THRUST], (ACTION_SIZE, 1))
+        efficiency[rotor.astype(np.int64), np.arange(rows.size)] *= share
+        self._changed[:, rows] = [*drawn, *efficiency]
+        self._change_step[rows] = np.ceil(at / period * (1.0 - 1e-9))
+        self._change(rows[self._change_step[rows] == 0])
+
+    def _change(self, rows: Integers) -> None:
+        self.drawn[:, rows], self.loops[_EFFICIENCY, rows] = np.split(self._changed[:, rows], 2)
+        self._latency[rows] = self._in_substeps(self.drawn[_LATENCY, rows])
 
     def draw(self, streams: Streams) -> Floats:
         """Draw the constants of episodes in the order of `LOOP_NAMES`, shape (n, 4); the latency in substeps."""
@@ -79,8 +112,10 @@ class Schedule:
         return self.loops if self.ranges is None else self.loops[:, rows]
 
     def advance(self, step: Integers) -> None:
-        """Set `ages` for the control steps `step` of the episodes, shape (n,)."""
-        if self.jitter:
+        """Set the loops for the control steps `step` of the episodes, shape (n,)."""
+        if self._changes:
+            self._change(np.flatnonzero(step == self._change_step))
+        if self._varies:
             _delay(step, self._latency, self.jitter, self._keys, self._arrival, self._acting, self.ages)
 
     def _in_substeps(self, latency: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Constant and sinusoidal winds, still air, winds of random strength and heading, scaled and rising winds."""
+"""Constant, sinusoidal and stepping winds, still air, winds of random strength and heading, scaled and rising winds."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -24,7 +24,7 @@ from quadpend_gym.wind.base import (
     add_rotated,
 )
 
-__all__ = ["Constant", "Drawn", "Relative", "Rescaled", "Sinusoid", "StillAir"]
+__all__ = ["Constant", "Drawn", "Relative", "Rescaled", "Sinusoid", "Step", "StillAir"]
 
 
 @WINDS.add
@@ -65,6 +65,29 @@ class Sinusoid(Loads):
         angle = self.frequency * period * (step + 0.5)
         for column, axis in enumerate(self.axes):
             out[:, axis] += self.load[axis] * np.sin(angle + memory[:, column])
+
+
+@WINDS.add
+@settings
+class Step(Loads):
+    """Loads that begin at a time, rise along half a period of a cosine, and stay."""
+
+    # beginning of the rise; of two numbers, uniform in this interval and drawn for each episode
+    at: Annotated[float | Interval, Range(0.0, 1e6, "s")] = 3.0
+    rise: Annotated[float, Range(1e-6, 1e6, "s")] = 0.1  # duration of the rise
+    kind: Literal["step"] = "step"
+    memory_size = 1  # beginning of the rise, s
+
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Draw the beginning of the rise."""
+        return streams.between(0, *np.broadcast_to(self.at, (1, 2)).T)
+
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Add the value in the middle of the control period, which is constant during the period."""
+        phase = np.clip(((step + 0.5) * period - memory[:, 0]) / self.rise, 0.0, 1.0)
+        share = 0.5 - 0.5 * np.cos(np.pi * phase)
+        for axis in self.axes:
+            out[:, axis] += self.load[axis] * share
 
 
 @WINDS.add

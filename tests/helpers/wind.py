@@ -7,7 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadpend_gym import Constant, Drawn, Dryden, Gusts, OrnsteinUhlenbeck, PaperGusts, Rescaled, Sinusoid, VonKarman
+from quadpend_gym import (
+    Constant,
+    Drawn,
+    Dryden,
+    Gusts,
+    OrnsteinUhlenbeck,
+    PaperGusts,
+    Rescaled,
+    Sinusoid,
+    Step,
+    VonKarman,
+)
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
@@ -18,6 +29,7 @@ PERIOD = 0.01
 EXAMPLES: dict[str, Any] = {
     "constant": Constant(force=0.5, bob_force=(0.0, 0.1, 0.0), torque=0.02, velocity=(1.0, -2.0, 0.5)),
     "sinusoid": Sinusoid(force=0.3, torque=(0.0, 0.05, 0.01), velocity=2.0, frequency=3.0),
+    "step": Step(force=0.3, velocity=(3.0, 0.0, 0.0), at=(0.0, 0.03), rise=0.2),
     "drawn": Drawn(Dryden("moderate") + Constant(torque=0.02), strength=(0.5, 1.5)),
     "relative": Relative(OrnsteinUhlenbeck(force=0.3)),
     "rescaled": Rescaled(OrnsteinUhlenbeck(force=0.3, bob_force=0.1, torque=0.01, velocity=1.0) + Dryden(), 0.8),

@@ -13,7 +13,7 @@ import pytest
 import quadpend_train.training.settings  # noqa: F401, so that all settings are imported
 from quadpend_gym import Constant, Reference, SinusoidTerm, Waypoints
 from quadpend_gym.core.settings import Interval, Range, declared, parse, settings
-from quadpend_gym.randomization import Around, LoopRanges, ParameterRanges
+from quadpend_gym.randomization import Around, LoopChanges, LoopRanges, ParameterRanges
 from quadpend_gym.sensors import Noise
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import Drawn, Rescaled, WindFromFactory
@@ -23,6 +23,7 @@ HUMMINGBIRD = VEHICLES["hummingbird"]
 EXAMPLES = (  # of classes with fields that have no default
     *(Drawn(Constant()), Rescaled(Constant()), Rising(Constant(), 1.0), Noise(position=0.1)),
     *(Around(0.1), ParameterRanges(bob_mass=(0.1, 0.2)), LoopRanges(jitter=0.1)),
+    LoopChanges((0.0, 1.0), latency=(0.0, 0.1)),
     *(Waypoints((0.0, 1.0), ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0))), Reference(terms=(SinusoidTerm(),))),
     *(HUMMINGBIRD, HUMMINGBIRD.rotors, HUMMINGBIRD.pole, HUMMINGBIRD.drag, HUMMINGBIRD.rate_loop),
 )

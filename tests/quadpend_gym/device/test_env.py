@@ -36,7 +36,11 @@ OWN: dict[str, dict[str, Any]] = {
             {"kind": "packet_loss", "probability": 0.3},
         ],
         "sensors": [{"kind": "noise", "position": {"white": 0.001, "walk": 0.01}}, {"kind": "delay", "steps": 3}],
-        "wind": [{"kind": "von_karman", "intensity": "light"}, "breeze"],
+        "wind": [
+            {"kind": "von_karman", "intensity": "light"},
+            "breeze",
+            {"kind": "step", "force": 0.2, "at": [0.1, 0.3]},
+        ],
         "latency": 0.015,
     },
 }
@@ -135,6 +139,7 @@ def test_a_kernel_file_needs_no_casadi(tmp_path: Path) -> None:
         ({"scenario": "flight_gusts"}, "cannot step the wind gusts"),
         ({"scenario": "flight_waypoints"}, "no waypoints"),
         ({"scenario": "flight_loop", "loop": {"rotor_lag": (0.9, 1.1)}}, "does not draw loop.rotor_lag"),
+        ({"loop": {"changes": {"at": (1.0, 2.0), "thrust": (0.8, 0.8)}}}, "does not draw loop.changes"),
         ({"sensors": {"kind": "dropout"}}, "cannot step the sensor dropout"),
         ({"autoreset_mode": "NextStep"}, "autoreset_mode must be 'SameStep'"),
         ({"dtype": "float16"}, "dtype must be"),

@@ -34,6 +34,7 @@ LOOP: dict[str, Any] = {
     "rotor_lag": (0.7, 1.3),
     "thrust": (0.8, 1.2),
 }
+CHANGES: dict[str, Any] = {"at": (0.03, 0.07), "thrust": (0.5, 0.8)}
 both_vehicles = pytest.mark.parametrize("fields", [PAPER, HUMMINGBIRD], ids=["paper", "hummingbird"])
 
 
@@ -112,9 +113,50 @@ def test_jitter_keeps_the_mean_of_the_latency_and_the_order_of_the_actions() -> 
 
 
 @both_vehicles
+def test_a_change_from_the_beginning_is_the_loop_of_the_episode(fields: dict[str, Any]) -> None:
+    constants = {"latency": (0.035, 0.035), "thrust": (0.8, 0.8)}
+    assert_same(flown(**fields, loop={"changes": {"at": (0.0, 0.0), **constants}}), flown(**fields, loop=constants))
+
+
+def test_a_change_begins_at_the_control_step_at_or_after_its_time() -> None:
+    """Until then the loop is nominal; from then on `info` has the changed thrust, and one rotor is weaker."""
+    changes = {"at": (0.02, 0.08), "thrust": (0.7, 0.9), "rotors": (0.75, 0.75)}
+    env = make_vec(200, **HUMMINGBIRD, loop={"changes": changes})
+    env.reset(seed=0)
+    thrust, efficiency = [], []
+    for action in 0.1 * draw_actions(0, 10, 200):
+        thrust.append(env.step(action)[4]["loop"][:, 3])
+        efficiency.append(env.world.schedule.loops[:4].T.copy())
+    changed, shares = np.not_equal(thrust, 1.0), np.array(efficiency) / np.array(thrust)[..., np.newaxis]
+    assert_array_equal(np.sort(changed, axis=0), changed)  # it stays
+    assert set(10 - changed.sum(axis=0)) == {3, 4, 5, 6, 7, 8}
+    assert (np.abs(np.array(thrust)[changed] - 0.8) <= 0.1).all()
+    assert_allclose(np.sort(shares[changed], axis=1), np.tile([0.75, 1.0, 1.0, 1.0], (changed.sum(), 1)))
+    assert set(shares[-1].argmin(axis=1)) == {0, 1, 2, 3}
+    assert (shares[~changed] == 1.0).all()
+
+
+@pytest.mark.parametrize(("before", "after"), [(0.02, 0.037), (0.035, 0.0)])
+def test_actions_issued_from_the_change_on_have_the_changed_latency(before: float, after: float) -> None:
+    """An action never acts before the one that was issued before it."""
+    ranges = LoopRanges(latency=(before, before), changes={"at": (0.051, 0.051), "latency": (after, after)})
+    loops, substeps = Schedule(ranges, Simulation(substeps=10), 1), 10
+    loops.start_episodes(np.arange(1), Streams.from_seeds([0]))
+    number = []
+    for step in range(20):
+        loops.advance(np.full(1, step))
+        number.append(1.0 + step - loops.ages[:, 0])
+    acting = np.concatenate(number)
+    begins = np.array([np.argmax(acting >= 1 + step) for step in range(15)])
+    latency = np.where(np.arange(15) < 6, before, after) * 1000
+    assert_array_equal(begins, np.maximum.accumulate(substeps * np.arange(15) + np.rint(latency)))
+
+
+@both_vehicles
 def test_rows_equal_single_environments_with_autoreset_and_threads(fields: dict[str, Any]) -> None:
     """They are equal to the last bit; 130 rows are three blocks."""
-    loop = LOOP if "vehicle" in fields else {name: LOOP[name] for name in ("latency", "jitter", "thrust")}
+    loop = dict(LOOP) if "vehicle" in fields else {name: LOOP[name] for name in ("latency", "jitter", "thrust")}
+    loop["changes"] = CHANGES | ({"rotors": (0.5, 0.9), "latency": (0.0, 0.05)} if "vehicle" in fields else {})
     fields = {**fields, "loop": loop, "duration": 0.08}
     one, two = (make_vec(130, autoreset_mode="SameStep", num_threads=n, **fields) for n in (1, 2))
     single, row = make_unwrapped(**fields), 97
@@ -138,12 +180,15 @@ def test_rows_equal_single_environments_with_autoreset_and_threads(fields: dict[
 @pytest.mark.parametrize(
     ("loop", "fields", "sentence"),
     [
-        ({}, PAPER, "at least one of latency, rate_loop, rotor_lag, thrust and jitter must be given"),
+        ({}, PAPER, "at least one of latency, rate_loop, rotor_lag, thrust, jitter and changes must be given"),
         ({"thrust": (1.2, 0.8)}, PAPER, "2 finite numbers from 0.05 to 20"),
         ({"latency": (-0.01, 0.01)}, PAPER, "from 0 to 1 s"),
         ({"delay": (0.0, 0.01)}, PAPER, "no field 'delay'"),
         ({"rate_loop": (0.8, 1.2)}, PAPER, "loop.rate_loop needs the interface 'body_rates'"),
         ({"rotor_lag": (0.8, 1.2)}, PAPER, "loop.rotor_lag needs rotors with a lag"),
+        ({"changes": {"at": (1.0, 2.0)}}, PAPER, "loop.changes: at least one of latency, thrust and rotors must"),
+        ({"changes": {"at": (1.0, 2.0), "rotors": (0.7, 0.7)}}, PAPER, "loop.changes.rotors needs rotors, which"),
+        ({"changes": {"thrust": (0.7, 0.7)}}, PAPER, "lacks the field 'at'"),
         ({"rotor_lag": (1.0, 3.0)}, HUMMINGBIRD, "at least half the rotors' lag of 0.045 s, not 0.02 s"),
     ],
 )

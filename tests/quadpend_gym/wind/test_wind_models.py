@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from quadpend_gym import Constant, Drawn, Gusts, OrnsteinUhlenbeck, PaperGusts, Rescaled, Sinusoid
+from quadpend_gym import Constant, Drawn, Gusts, OrnsteinUhlenbeck, PaperGusts, Rescaled, Sinusoid, Step
 from quadpend_gym.core.streams import Streams
 from tests.helpers.wind import PERIOD, five_sigma, sample_wind
 
@@ -38,6 +38,22 @@ def test_a_sinusoid_has_its_amplitude_frequency_and_a_random_phase(load: str, co
     assert_allclose(invariant, (amplitude * np.sin(frequency * PERIOD)) ** 2, rtol=1e-9)
     # The sine of a uniform phase is distributed by the arcsine law.
     assert stats.kstest(wave[0], stats.arcsine(-amplitude, 2.0 * amplitude).cdf).pvalue > 0.01
+
+
+def test_a_step_begins_at_its_time_rises_and_stays() -> None:
+    out = sample_wind(Step(bob_force=(0.0, 0.2, 0.0), velocity=(3.0, 0.0, 0.0), at=1.0, rise=0.1), 300, 2)
+    time = PERIOD * (np.arange(300) + 0.5)
+    share = np.where(time < 1.0, 0.0, np.where(time < 1.1, np.sin(0.5 * np.pi * (time - 1.0) / 0.1) ** 2, 1.0))
+    for row in range(2):
+        assert_allclose(out[:, row], np.outer(share, np.eye(12)[4] * 0.2 + np.eye(12)[9] * 3.0), atol=1e-12)
+    begins = Step(force=0.1, at=(2.0, 5.0)).initial_memory(Streams.from_seeds(list(range(1000))))[:, 0]
+    assert stats.kstest(begins, uniform(2.0, 5.0)).pvalue > 0.01
+
+
+def test_a_force_may_act_on_the_bob_alone() -> None:
+    out = sample_wind(OrnsteinUhlenbeck(force=0.0, bob_force=0.05, time_constant=0.7), 5, 5000)
+    assert not np.delete(out, slice(3, 6), axis=-1).any()
+    assert_allclose(out[..., 3:6].std(axis=1), 0.05, rtol=0.05)
 
 
 EVERY_LOAD = Constant(
