@@ -19,9 +19,12 @@ The disturbance has 9 components (`Disturbance`):
 |--------|-----------|--------|------|--------------------------|
 | d_Q    | force     | 0–2    | N    | world, on the quadrotor  |
 | d_B    | bob_force | 3–5    | N    | world, on the bob        |
-| d_τ    | torque    | 6–8    | N·m  | φ, θ, ψ axes             |
+| d_τ    | torque    | 6–8    | N·m  | world, or φ, θ, ψ axes   |
 
-The command has 4 components: the thrust u (N) and the torques τφ, τθ, τψ (N·m).
+The torque d_τ on a rigid vehicle is a vector of the world frame. The paper's attitude model has no such vector: there
+d_τ, as the torques of the command, acts about the axes of φ, θ and ψ, whichever way the vehicle is turned.
+
+The command has 4 components: the thrust u (N) and the torques (N·m), about the body's axes on a rigid vehicle.
 
 `State` computes the paper's spherical angles (α, β) from r: r = (sin α cos β, sin α sin β, cos α). They cannot be state
 variables: in these coordinates the mass matrix is singular at α = 0, which is the upright equilibrium.

@@ -7,10 +7,11 @@ twelve components in SI units.
 |--------|-----------|---------|------|--------------|------------------------------------------------|
 | d_Q    | force     | 0–2     | N    | world        | quadrotor                                      |
 | d_B    | bob_force | 3–5     | N    | world        | bob                                            |
-| d_τ    | torque    | 6–8     | N·m  | φ, θ, ψ axes | attitude of the quadrotor                      |
+| d_τ    | torque    | 6–8     | N·m  | see below    | attitude of the quadrotor                      |
 | v      | velocity  | 9–11    | m/s  | world        | both, by drag, see `quadpend_gym.physics.drag` |
 
-The velocities of several models are added before the drag is computed from their sum.
+The velocities of several models are added before the drag is computed from their sum. The torque on a rigid vehicle is
+in the world frame, that on the paper's vehicle about the axes of φ, θ and ψ, see `quadpend_gym.physics.state`.
 """
 
 from collections.abc import Sequence
@@ -35,7 +36,7 @@ WIND_FIELDS = {
     "torque": slice(6, 9),
     "velocity": slice(9, 12),
 }
-# First columns of the vectors in the world frame; the torque is about the φ, θ and ψ axes.
+# First columns of the vectors that a heading rotates; not the torque, which on the paper's vehicle is no world vector.
 WORLD_VECTORS = tuple(WIND_FIELDS[name].start for name in ("force", "bob_force", "velocity"))
 Load = float | tuple[float, float, float]  # one number for all three axes, or three numbers
 LARGEST_LOAD = 1e12  # N or N·m: far more than any wind, so that tests can end an episode at once

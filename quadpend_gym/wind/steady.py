@@ -105,7 +105,10 @@ class StillAir(Stateless, Addable):
 @WINDS.add
 @settings
 class Drawn(Composite):
-    """A wind that is scaled by a factor and rotated about the vertical by an angle, both drawn for each episode."""
+    """A wind that is scaled by a factor and rotated about the vertical by an angle, both drawn for each episode.
+
+    Forces and velocities turn; the torque keeps its direction, see `wind.base`.
+    """
 
     wind: Annotated[Any, WindField]
     strength: Annotated[Interval, Range(-1000.0, 1000.0)] = (1.0, 1.0)  # factor on the wind, uniform in this interval
@@ -130,7 +133,7 @@ class Drawn(Composite):
         strength, cosine, sine = memory[:, :3].T
         for axis in WORLD_VECTORS:
             add_rotated(out, axis, wind[:, axis : axis + 3].T, strength, cosine, sine)
-        torque = WIND_FIELDS["torque"]  # about the φ, θ and ψ axes, so the heading does not rotate it
+        torque = WIND_FIELDS["torque"]  # on the paper's vehicle no world vector, so no heading rotates it
         out[:, torque] += strength[:, np.newaxis] * wind[:, torque]
 
     def _streams(self, i: int, streams: Streams) -> Streams:

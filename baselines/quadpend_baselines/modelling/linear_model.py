@@ -77,7 +77,8 @@ def linearise(simulation: Simulation) -> LinearModel:
     """Return the model (1) over one control period.
 
     The model of a rigid vehicle is that of `RigidPlant.advance` without the lag of the rotors and without
-    latency; its torques are about the axes of the body, and its pivot and drag are those of the vehicle.
+    latency; the torques of u are about the axes of the body, d_τ is in the world frame, and pivot and drag are those
+    of the vehicle.
     """
     hover = simulation.parameters.hover_thrust * np.eye(COMMAND_SIZE)[THRUST]
 
