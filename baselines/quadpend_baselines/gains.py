@@ -28,7 +28,7 @@ from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.files import read_toml
 from quadpend_gym.core.nested import changed, flat
 from quadpend_gym.core.settings import Range, settings, suggest
-from quadpend_gym.vehicles import VEHICLES
+from quadpend_gym.vehicles import VEHICLES, Vehicle
 
 
 @dataclass(frozen=True)
@@ -107,10 +107,15 @@ class Tuning(NamedTuple):
     search: Search | None  # None: the paper's, set by hand, or derived from those of another controller
 
 
+def _with_pole_of(vehicle: Vehicle, other: Vehicle) -> bool:
+    """Return whether a vehicle is another one, whatever its pole."""
+    return vehicle.attitude == other.attitude and replace(vehicle, pole=other.pole).is_like(other)
+
+
 # For which simulations the tunings of a group of the file are; those of the first group that has any are taken.
 _GROUPS: dict[str, Callable[[Simulation], bool]] = {
     "hanging": lambda simulation: simulation.pendulum == "hanging",
-    "hummingbird": lambda simulation: simulation.vehicle.is_like(VEHICLES["hummingbird"]),
+    "hummingbird": lambda simulation: _with_pole_of(simulation.vehicle, VEHICLES["hummingbird"]),
     "rigid": lambda simulation: simulation.vehicle.attitude == "rigid",
     "paper": lambda simulation: True,
 }

@@ -15,6 +15,7 @@ import numpy as np
 from quadpend_baselines.controllers.law import Observer
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.policy.protocol import Policy, PolicyWrapper, fed_by_name
+from quadpend_baselines.policy.told import for_told_pole
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.plants import RigidPlant, plant_of
@@ -62,7 +63,10 @@ class Controller(Policy):
         raise NotImplementedError
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return the controller designed for a scenario, its known loop and a hanging pendulum."""
+        """Return the controller designed for a scenario, its known loop, a hanging pendulum and poles that are told."""
+        return for_told_pole(self._adapt, scenario)
+
+    def _adapt(self, scenario: Scenario) -> Policy:
         simulation, loop = scenario.simulation, Loop.known(scenario)
         if scenario.task.pendulum != "hanging":
             return fed_by_name(self.designed_for(simulation, loop), scenario)

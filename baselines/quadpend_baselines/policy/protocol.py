@@ -1,5 +1,6 @@
 """The base class of learned and classical policies, and the conversion between actions and commands."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -138,10 +139,22 @@ def replace_rows(rows: Integers, part: Any, whole: Any) -> Any:
     return _map(replaced, part, whole)
 
 
-def _map(function: Any, one: Any, other: Any) -> Any:
+def take_rows(rows: Integers, whole: Any) -> Any:
+    """Return the rows of the indices `rows`, shape (k,), of `whole`; structures as above."""
+    return _map(lambda array: array[rows], whole)
+
+
+def concatenate_rows(parts: Sequence[Any]) -> Any:
+    """Return the rows of several equal structures as one."""
+    return _map(lambda *arrays: np.concatenate(arrays), *parts)
+
+
+def _map(function: Any, one: Any, *others: Any) -> Any:
     if isinstance(one, np.ndarray):
-        return function(one, other)
-    parts = [_map(function, a, b) for a, b in zip(one, other, strict=True)]
+        return function(one, *others)
+    if one is None:
+        return None
+    parts = [_map(function, *items) for items in zip(one, *others, strict=True)]
     return type(one)(*parts) if hasattr(one, "_fields") else tuple(parts)
 
 

@@ -26,6 +26,7 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
 from quadpend_baselines.hybrid.wrapper import NO_HYBRID
 from quadpend_baselines.policy.protocol import episode_start_mask
+from quadpend_baselines.policy.told import for_told_pole
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
@@ -116,13 +117,17 @@ class MlpPolicy(Policy):
     def adapt(self, scenario: Scenario) -> Policy:
         """Return the policy with its base controller designed for a scenario, and with velocities if it needs them."""
         check_interface(self.card, scenario.simulation)
-        if self.hybrid is None:
+        if (hybrid := self.hybrid) is None:
             return with_velocities(self, scenario)
-        if scenario.task.pendulum == "hanging" and not self.hybrid.flies_load:
+        if scenario.task.pendulum == "hanging" and not hybrid.flies_load:
             raise ValueError(NO_HYBRID)
-        other = copy(self)
-        other.hybrid = self.hybrid.flown_in(scenario.simulation, Loop.known(scenario))
-        return with_velocities(other, scenario)
+
+        def adapt(known: Scenario) -> Policy:
+            other = copy(self)
+            other.hybrid = hybrid.flown_in(known.simulation, Loop.known(known))
+            return with_velocities(other, known)
+
+        return for_told_pole(adapt, scenario)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
