@@ -73,6 +73,8 @@ def synthetic_results(rmse: Any, survived: Any = True) -> EpisodeResults:
         one,
         one,
         one,
+        np.where(survived, 0, 1),
+        one,
         error,
     )
 

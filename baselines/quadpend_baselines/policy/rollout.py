@@ -19,6 +19,7 @@ class RolloutStep(NamedTuple):
     reward: Floats  # shape (n,)
     tracking_error: Floats  # after the step, m, shape (n, 3)
     tilt: Floats  # angle of the pendulum from its side after the step, rad, shape (n,)
+    cause: Floats  # of an early end with this step, a place in `CAUSES`, else 0, shape (n,)
     terminated: Booleans  # shape (n,)
     truncated: Booleans  # shape (n,)
 
@@ -42,9 +43,9 @@ def rollout(
         action, memory = policy.predict(observation, memory, started, deterministic=True)
         observation, reward, terminated, truncated, info = env.step(action)
         started = terminated | truncated
-        error, tilt = info["tracking_error"].copy(), info["tilt"].copy()
+        measured = {name: info[name].copy() for name in ("tracking_error", "tilt", "cause")}
         if started.any():  # after a same-step autoreset, `info` describes the next episode
-            final = info["final_info"]
-            error[started], tilt[started] = final["tracking_error"][started], final["tilt"][started]
-        yield RolloutStep(active, action, memory, reward, error, tilt, terminated, truncated)
+            for name, values in measured.items():
+                values[started] = info["final_info"][name][started]
+        yield RolloutStep(active, action, memory, reward, **measured, terminated=terminated, truncated=truncated)
         active = active & ~started

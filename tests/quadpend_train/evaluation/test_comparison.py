@@ -2,17 +2,19 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from quadpend_baselines import controller
+from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.evaluation.metrics import COLUMNS, KEYS, METRICS, summarise, values_of
+from quadpend_train.evaluation.metrics import COLUMNS, KEYS, METRICS, falls, summarise, values_of
 from tests.helpers.policies import ZeroThrust, synthetic_results
 from tests.helpers.scenarios import short
 
@@ -51,9 +53,26 @@ def test_a_fall_counts_as_one_metre_in_the_penalised_rmse_and_not_in_that_of_sur
     assert summary["penalised_rmse"].value == 1000.0
     assert np.isnan(summary["rmse_of_survivors"].value)
     assert np.isnan(summary["settled_rmse"].value)
+    assert falls(values_of(results)) == "10 (10 ground)"
+    assert (results.action_rate == 0.0).all()
     half = values_of(synthetic_results([0.1, 0.2], [True, False]))
     assert summarise(half)["penalised_rmse"].value == pytest.approx(550.0)
     assert summarise(half)["rmse_of_survivors"].value == pytest.approx(100.0)
+
+
+class Alternating(ZeroThrust):
+    """A policy that changes the thrust by 0.2 in each step."""
+
+    def predict(self, observation: Any, state: Any = None, *_: Any, **__: Any) -> tuple[Any, Any]:
+        action, sign = np.zeros((len(observation), ACTION_SIZE), np.float32), -1.0 if state is None else -state
+        action[:, THRUST] = 0.1 * sign
+        return action, sign
+
+
+def test_the_action_rate_is_the_change_of_the_action_per_second() -> None:
+    for period in (0.01, 0.005):
+        results = run_episodes([Alternating()], Scenario(duration=0.2, period=period), 3)
+        np.testing.assert_allclose(results.action_rate, 0.2 / period, rtol=1e-6)
 
 
 def test_metrics_agree_with_the_errors_of_the_steps() -> None:

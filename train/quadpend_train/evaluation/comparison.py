@@ -20,7 +20,7 @@ from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.linear_models import loop_margins, references
-from quadpend_train.evaluation.metrics import Cell, cells, rows, summarise
+from quadpend_train.evaluation.metrics import Cell, cells, falls, rows, summarise
 from quadpend_train.evaluation.ranking import RankingRow, gentle, ranking
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.policies.conversion import as_policy
@@ -56,6 +56,11 @@ class Comparison:
     def summaries(self) -> dict[Cell, dict[str, Interval]]:
         """Metrics by the names of scenario and policy, see `summarise`."""
         return {cell: summarise(values) for cell, values in cells(self.table).items()}
+
+    @cached_property
+    def falls(self) -> dict[Cell, str]:
+        """Numbers of falls with their causes by the names of scenario and policy."""
+        return {cell: falls(values) for cell, values in cells(self.table).items()}
 
     @cached_property
     def ranking(self) -> list[RankingRow]:

@@ -43,6 +43,9 @@ class EpisodeResults(NamedTuple):
             influence, or over the scored steps if not all are scored, m; nan for a fall; shape (s, n).
         largest_tilt: Largest angle of the pendulum from its side, rad, shape (s, n).
         effort: Root mean square of the norm of the action, shape (s, n).
+        action_rate: Root mean square of the norm of the change of the action in a step, divided by the control period,
+            1/s, shape (s, n).
+        cause: Why the episode fell, a place in `quadpend_gym.envs.outcome.CAUSES`; 0 if it survived; shape (s, n).
         episode_return: Sum of the rewards times the control period divided by 0.01 s, shape (s, n). So it is at most
             100 for each second of an episode at any control period, and the plain sum at the default control period.
         error: Error after each step, as in `rmse`, m; nan after a fall; shape (s, n, T).
@@ -55,6 +58,8 @@ class EpisodeResults(NamedTuple):
     settled_rmse: Floats
     largest_tilt: Floats
     effort: Floats
+    action_rate: Floats
+    cause: Integers
     episode_return: Floats
     error: Floats32
 
@@ -101,13 +106,18 @@ def collect_results(
     episodes = len(lengths)
     survived, steps = np.zeros(episodes, np.bool_), np.zeros(episodes, np.int64)
     error = np.full((lengths.max(), episodes), np.nan)
-    tilt, effort, episode_return = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
+    tilt, effort, changes, episode_return = (np.zeros(episodes) for _ in range(4))
+    cause, previous = np.zeros(episodes, np.int64), np.zeros(0)
     for number, step in enumerate(rollout_steps):
         running = step.active
         size = np.linalg.norm(step.tracking_error[running], axis=1)
         error[number, running] = np.hypot(size, 2.0 * arm * np.sin(0.5 * step.tilt[running])) if arm else size
         tilt[running] = np.fmax(tilt[running], step.tilt[running])
-        effort[running] += np.sum(step.action[running].astype(np.float64) ** 2, axis=1)
+        action = step.action.astype(np.float64)
+        effort[running] += np.sum(action[running] ** 2, axis=1)
+        changes[running] += np.sum((action - (previous if number else action))[running] ** 2, axis=1)
+        previous = action
+        cause[running] = step.cause[running]
         episode_return[running] += step.reward[running]
         steps += running
         survived |= step.survived
@@ -126,6 +136,8 @@ def collect_results(
         np.where(survived, settled, np.nan),
         tilt,
         np.sqrt(effort / steps),
+        np.sqrt(changes / np.maximum(steps - 1, 1)) / period,
+        cause,
         episode_return * (period / CONTROL_PERIOD),
         np.ascontiguousarray(error.T, np.float32),
     )

@@ -4,12 +4,14 @@ The columns `KEYS` name an episode, and those of `COLUMNS` hold its values in SI
 `quadpend_train.evaluation.episodes.EpisodeResults`. The attribute `attrs` of the table holds the provenance.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from quadpend_gym.envs.outcome import CAUSES
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.formatting import format_interval
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
@@ -17,7 +19,10 @@ from quadpend_train.evaluation.statistics import Interval, mean, proportion
 Cell = tuple[str, str]  # names of a scenario and of a policy
 Values = dict[str, Any]  # arrays of shape (training seeds, episodes) by the name of the column
 KEYS = ("scenario", "policy", "training_seed", "episode")
-COLUMNS = ("survived", "steps", "rmse", "penalised_rmse", "settled_rmse", "largest_tilt", "effort", "return")
+COLUMNS = (
+    *("survived", "cause", "steps", "rmse", "penalised_rmse", "settled_rmse", "largest_tilt", "effort", "action_rate"),
+    "return",
+)
 
 
 class Metric(NamedTuple):
@@ -43,13 +48,15 @@ METRICS = {
     "settled_rmse": Metric("settled_rmse", "mm", 1000.0),
     "largest_tilt": Metric("largest_tilt", "°", 180.0 / np.pi),
     "effort": Metric("effort"),
+    "action_rate": Metric("action_rate", "1/s"),
     "return": Metric("return"),
 }
 
 
 def values_of(results: EpisodeResults) -> Values:
-    """Return the columns of one policy in one scenario as arrays of shape (s, n)."""
-    return {name: getattr(results, "episode_return" if name == "return" else name) for name in COLUMNS}
+    """Return the columns of one policy in one scenario as arrays of shape (s, n); causes of falls are texts."""
+    values = {name: getattr(results, "episode_return" if name == "return" else name) for name in COLUMNS}
+    return values | {"cause": np.take(CAUSES, results.cause)}
 
 
 def rows(scenario: str, policy: str, results: EpisodeResults) -> pd.DataFrame:
@@ -80,6 +87,13 @@ def summarise(values: Values) -> dict[str, Interval]:
         .scaled(metric.factor)
         for name, metric in METRICS.items()
     }
+
+
+def falls(values: Values) -> str:
+    """Return the number of falls with their causes, the most frequent first, such as ``3 (2 ground, 1 distance)``."""
+    causes = Counter(values["cause"][~values["survived"]].tolist())
+    parts = ", ".join(f"{number} {cause}" for cause, number in causes.most_common())
+    return f"{causes.total()} ({parts})" if causes else "0"
 
 
 def summary_table(summaries: dict[Cell, dict[str, Interval]]) -> pd.DataFrame:

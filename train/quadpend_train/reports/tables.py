@@ -16,7 +16,10 @@ from quadpend_train.evaluation.ranking import LEAST, LOSS, gentle, too_few
 from quadpend_train.reports import figures
 
 # Metrics in the tables.
-METRIC_COLUMNS = ("survival", "falls", "penalised_rmse", "rmse_of_survivors", "settled_rmse", "largest_tilt", "effort")
+METRIC_COLUMNS = (
+    *("survival", "falls", "penalised_rmse", "rmse_of_survivors", "settled_rmse", "largest_tilt", "effort"),
+    "action_rate",
+)
 MANY_EPISODES = 50  # from this number on, most intervals cover close to 95 %, see docs/accuracy.md
 _POINTS = 100  # of an error curve
 _SMALLEST = 0.05  # mm, lower end of the error axis
@@ -29,7 +32,8 @@ def metric_rows(comparison: Comparison) -> Rows:
     units = {name: METRICS[name].unit and f" ({METRICS[name].unit})" for name in METRIC_COLUMNS}
     rows: Rows = [["scenario", "policy", *(name.replace("_", " ") + unit for name, unit in units.items())]]
     for cell, summary in comparison.summaries.items():
-        rows.append([*cell, *(METRICS[name].show(summary[name]) for name in METRIC_COLUMNS)])
+        texts = {name: METRICS[name].show(summary[name]) for name in METRIC_COLUMNS}
+        rows.append([*cell, *(texts | {"falls": comparison.falls[cell]}).values()])
     return rows
 
 
