@@ -4,13 +4,14 @@ Several actuators act in the order in which they are listed: ``[ActionDelay(2), 
 action and applies the lag of the motors. The effort term of the reward is computed from the result.
 """
 
+from functools import cached_property
 from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
-from quadpend_gym.core.models import Model, Registry, ZeroInitialized
+from quadpend_gym.core.models import FromFactory, Model, Registry, ZeroInitialized
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.physics.state import ACTION_SIZE
@@ -29,7 +30,21 @@ class Actuator(Model, Protocol):
         """
 
 
-ACTUATORS = Registry("actuator", Actuator)
+@settings
+class ActuatorFromFactory(FromFactory):
+    """The actuators that a function or class of the user's own code returns."""
+
+    @cached_property
+    def parts(self) -> Any:
+        """The models that the factory returns."""
+        return ACTUATORS.make_own(self.kind)
+
+    def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
+        """Change the actions, each model in its turn."""
+        self.each(memory, streams, lambda model, own, random: model.act(action, own, step, simulation, random))
+
+
+ACTUATORS = Registry("actuator", Actuator, ActuatorFromFactory)
 ActuatorsField = ACTUATORS.field()  # annotation of a field that holds a tuple of actuators
 as_actuators, KINDS = ACTUATORS.parse, ACTUATORS.kinds
 

@@ -19,8 +19,9 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
+from quadpend_gym.core.events import first_events, next_events, present_events
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.core.models import Model, Registry, ZeroInitialized
+from quadpend_gym.core.models import FromFactory, Model, Registry, ZeroInitialized
 from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
 from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
@@ -42,7 +43,21 @@ class Sensor(Model, Protocol):
         """
 
 
-SENSORS = Registry("sensor", Sensor)
+@settings
+class SensorFromFactory(FromFactory):
+    """The sensors that a function or class of the user's own code returns."""
+
+    @cached_property
+    def parts(self) -> Any:
+        """The models that the factory returns."""
+        return SENSORS.make_own(self.kind)
+
+    def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Change the measurements, each model in its turn."""
+        self.each(memory, streams, lambda model, own, random: model.sense(measured, own, step, period, random))
+
+
+SENSORS = Registry("sensor", Sensor, SensorFromFactory)
 SensorsField = SENSORS.field()  # annotation of a field that holds a tuple of sensors
 as_sensors, KINDS = SENSORS.parse, SENSORS.kinds
 
@@ -185,9 +200,14 @@ def _normalise(measured: Floats) -> None:
         measured[DIRECTION + 2, row] = size * z
 
 
-def hold_sample(measured: Floats, memory: Floats, held: Any, period: float) -> None:
-    """Replace the measurements of the rows `held`, a mask, by the last ones in `memory`, which are a period older."""
-    memory[:, AGE] += period
+def hold_sample(measured: Floats, memory: Floats, step: Integers, held: Any, ageing: float) -> None:
+    """Replace the measurements of the rows `held`, a mask, by the last ones in `memory`, with `ageing` (s) more.
+
+    The first measurement of an episode is never replaced.
+    """
+    first = step == 0
+    memory[:, AGE] += ageing
+    memory[first] = measured[first]
     hold(measured, memory, held)
 
 
@@ -220,8 +240,84 @@ class Dropout(ZeroInitialized):
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace lost samples by the last sample received."""
-        memory[step == 0] = measured[step == 0]
-        hold_sample(measured, memory, streams.uniform(step + 1, 1)[:, 0] < self.probability, period)
+        hold_sample(measured, memory, step, streams.uniform(step + 1, 1)[:, 0] < self.probability, period)
+
+
+@settings
+class _Interruption:
+    """Base class of sensors that hold their last sample for a time, again and again; an episode begins with a pause.
+
+    A sample is held if the middle of its control period lies in an interruption. The first of an episode never is.
+    """
+
+    # duration of each interruption, uniform in this interval, at least 0.001
+    length: Annotated[Interval, Range(0.001, 1e6, "s")] = (0.1, 0.1)
+    pause: Annotated[Interval, Range(0.0, 1e6, "s")] = (0.9, 0.9)  # time before each of them, uniform in this interval
+    kind: str = ""
+    memory_size = MEASURED_SIZE + 3  # of `core.events`, around the last sample
+    _ageing = 0.0  # periods by which a held sample is older than before
+
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Draw the first interruption."""
+        return first_events(self.memory_size, streams, self._draw_next)
+
+    def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
+        next_events(memory, ended, streams, self.pause, self.length)
+
+    def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Replace the measurement by the last one before the interruption."""
+        held = present_events(memory, (step + 0.5) * period, streams, self._draw_next)
+        hold_sample(measured, memory[:, 2:-1], step, held, self._ageing * period)
+
+
+@SENSORS.add
+@settings
+class Bursts(_Interruption):
+    """Drop-outs in bursts: no sample arrives for a time. The last one received replaces them, and its age grows."""
+
+    kind: Literal["bursts"] = "bursts"
+    _ageing = 1.0
+
+
+@SENSORS.add
+@settings
+class Frozen(_Interruption):
+    """A sensor that gives its last sample as new ones for a time: the age of the sample does not grow."""
+
+    length: Annotated[Interval, Range(0.001, 1e6, "s")] = (0.05, 0.05)  # as that of `Bursts`
+    pause: Annotated[Interval, Range(0.0, 1e6, "s")] = (1.0, 2.0)  # as that of `Bursts`
+    kind: Literal["frozen"] = "frozen"
+
+
+@SENSORS.add
+@settings
+class Outliers:
+    """Single samples of the position that are wrong, each by a vector of random direction."""
+
+    # size of the error; of two numbers, uniform in this interval and drawn for each outlier
+    distance: Annotated[float | Interval, Range(0.0, 1e6, "m")] = 1.0
+    # time before each outlier, uniform in this interval, at least 0.001; a control period has at most one outlier
+    pause: Annotated[Interval, Range(0.001, 1e6, "s")] = (2.0, 2.0)
+    kind: Literal["outliers"] = "outliers"
+    memory_size = 6  # of `core.events` with a length of 0, around the error (m)
+
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Draw the first outlier."""
+        return first_events(self.memory_size, streams, self._draw_next)
+
+    def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
+        distance = tuple(np.broadcast_to(self.distance, 2))
+        bounds = self.pause, (0.0, 0.0), distance, (-1.0, 1.0), (-np.pi, np.pi)
+        size, sine, heading = next_events(memory, ended, streams, *bounds)
+        flat = size * np.sqrt(1.0 - sine * sine)
+        memory[ended, 2:5] = np.stack([flat * np.cos(heading), flat * np.sin(heading), size * sine], axis=1)
+
+    def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Add the error of an outlier whose time has come."""
+        time = (step + 0.5) * period
+        hit = time > memory[:, 0]
+        measured[hit, STATE_FIELDS["position"]] += memory[hit, 2:5]
+        present_events(memory, time, streams, self._draw_next)
 
 
 @SENSORS.add
@@ -250,7 +346,7 @@ class SampleHold(ZeroInitialized):
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace the measurement by the last sample."""
-        hold_sample(measured, memory, step % self.steps(period) != 0, period)
+        hold_sample(measured, memory, step, step % self.steps(period) != 0, period)
 
 
 def check_periods(models: tuple[Any, ...], control_period: float) -> None:

@@ -7,14 +7,15 @@ its class in files and specifications; the decorator `Registry.add` makes the na
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cached_property
 from typing import Annotated, Any, Literal, Protocol, TypeVar, Union
 
 import numpy as np
 from pydantic import Field
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.factories import is_factory
-from quadpend_gym.core.settings import Parsed, parse, suggest
+from quadpend_gym.core.factories import call_factory, find_factory, is_factory
+from quadpend_gym.core.settings import Parsed, parse, settings, suggest
 from quadpend_gym.core.streams import Streams
 
 Kind = TypeVar("Kind", bound=type[Any])
@@ -47,13 +48,62 @@ class Stateless(ZeroInitialized):
     memory_size = 0
 
 
+class Parts:
+    """Base class of models that consist of other models.
+
+    A single one has the random streams of the whole; each of several has its own.
+    """
+
+    parts: Any
+
+    @property
+    def memory_size(self) -> int:
+        """Number of floats of all its models."""
+        return sum(self._sizes)
+
+    @cached_property
+    def _sizes(self) -> Sequence[int]:
+        return [model.memory_size for model in self.parts]
+
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Return the initial memories of its models side by side."""
+        memories = [model.initial_memory(self._streams(i, streams)) for i, model in enumerate(self.parts)]
+        return np.hstack([np.zeros((streams.keys.size, 0)), *memories])
+
+    def each(self, memory: Floats, streams: Streams, function: Callable[[Any, Floats, Streams], None]) -> None:
+        """Call `function` with each model, its memory and its random streams."""
+        first = 0
+        for i, (model, size) in enumerate(zip(self.parts, self._sizes, strict=True)):
+            function(model, memory[:, first : first + size], self._streams(i, streams))
+            first += size
+
+    def _streams(self, i: int, streams: Streams) -> Streams:
+        return streams if len(self.parts) == 1 else streams.derive(i)
+
+
+@settings
+class FromFactory(Parts):
+    """Base class of what a function or class of the user's own code returns.
+
+    It acts like the returned models. Unlike those, it can be written as JSON and sent to other processes.
+    """
+
+    kind: str  # "module:factory"; the factory takes no arguments
+
+    def __post_init__(self) -> None:
+        _ = self.parts
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.kind,)
+
+
 @dataclass(frozen=True)
 class Registry:
     """The kinds and presets of wind, sensor or actuator models."""
 
     name: str  # in error messages, for example "wind"
     protocol: Any  # runtime-checkable protocol of the models
-    from_factory: type[Any] | None = None  # class of a text ``"module:factory"``; None: such texts are not accepted
+    from_factory: type[Any]  # class of a text ``"module:factory"``
     kinds: dict[str, type[Any]] = field(default_factory=dict)  # model classes by their ``kind``
     presets: dict[str, Any] = field(default_factory=dict)  # values that `parse` accepts, by name
 
@@ -86,14 +136,33 @@ class Registry:
             return (value,)
         raise ValueError(f"{self.name} must be a model, a name, a mapping with its kind or a list, not {value!r}")
 
+    def make(self, name: str) -> tuple[Any, ...]:
+        """Return the models that the factory "module:factory" returns."""
+        value = call_factory(name, find_factory(name))
+        try:
+            if value is None:  # a forgotten `return`
+                raise ValueError("it returns None")
+            return self.parse(value)
+        except ValueError as error:
+            raise ValueError(f"{name} must return {self.name} models: {error}") from error
+
+    def make_own(self, name: str) -> tuple[Any, ...]:
+        """Return those models. None may be of this package: what reads such models, like a controller, misses them."""
+        models = self.make(name)
+        if known := [type(model).__name__ for model in models if type(model) in self.kinds.values()]:
+            raise ValueError(f"{name} must return models of your own classes, not {known[0]}: list that beside it")
+        return models
+
     def _class(self, kind: Any) -> type[Any]:
-        if self.from_factory and is_factory(kind):
+        if is_factory(kind):
             return self.from_factory
         if isinstance(kind, str) and kind in self.kinds:
             return self.kinds[kind]
         known = dict.fromkeys([*self.presets, *self.kinds])
-        own = ", or give 'module:factory'" if self.from_factory else ""
-        raise ValueError(f"there is no {self.name} {kind!r}{suggest(kind, known)}; there are {', '.join(known)}{own}")
+        raise ValueError(
+            f"there is no {self.name} {kind!r}{suggest(kind, known)}; there are {', '.join(known)},"
+            " or give 'module:factory'"
+        )
 
     def field(self, function: Callable[[Any], Any] | None = None) -> Parsed:
         """Return the annotation of a field that takes what `parse` takes; `function` makes its value, else `parse`."""
@@ -101,10 +170,13 @@ class Registry:
 
     def _accepted(self) -> Any:
         names: Any = Literal[tuple(dict.fromkeys([*self.presets, *self.kinds]))]
-        one: Any = Union[(names, *self.kinds.values())]
-        if self.from_factory:
-            one = one | Annotated[str, Field(pattern=r"^[\w.]+:[\w.]+$")]
+        one: Any = Union[(names, *self.kinds.values(), Annotated[str, Field(pattern=r"^[\w.]+:[\w.]+$")])]
         return one | list[one] | None
+
+
+def kind_of(model: Any) -> str:
+    """Return the kind of a model, or the name of a class of the user's own code."""
+    return str(getattr(model, "kind", type(model).__name__))
 
 
 def to_plain_data(value: Any, otherwise: Callable[[Any], Any], foreign: tuple[type[Any], ...] = ()) -> Any:

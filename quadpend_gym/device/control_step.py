@@ -244,7 +244,7 @@ class _Generator:
                     memory = rows(lifted.initial_memory(stream)[0])
                 use(lifted, memory, stream)
             except Exception as error:
-                kinds = " with ".join(re.findall(r"kind='(?!sum)(\w+)'", repr(model))) or type(model).__name__
+                kinds = " with ".join(re.findall(r"kind='(?!sum)([\w.:]+)'", repr(model))) or type(model).__name__
                 raise ValueError(f"device: the generated kernel cannot step the {_NOUNS[name]} {kinds}") from error
             first += model.memory_size
             after += list(memory[0])

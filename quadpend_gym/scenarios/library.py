@@ -10,14 +10,13 @@ from gymnasium import logger
 
 from quadpend_gym.core.factories import call_factory, find_factory, is_factory, split_name, split_text
 from quadpend_gym.core.files import parse_mapping, read_mapping, readable
-from quadpend_gym.core.models import to_plain_data
+from quadpend_gym.core.models import FromFactory, to_plain_data
 from quadpend_gym.core.settings import parse, plain, settings, suggest
 from quadpend_gym.randomization import RangesField
 from quadpend_gym.scenarios.scenario import Scenario, substeps_in
 from quadpend_gym.tasks.task import Task, TaskField
 from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_gym.vehicles.vehicle import VehicleField
-from quadpend_gym.wind import WindFromFactory
 
 __all__ = [
     "HELD_OUT",
@@ -249,5 +248,5 @@ SETS: Mapping[str, tuple[str, ...]] = _Shipped(1)  # names of scenarios, by the 
 def own_models(value: Any) -> list[Any]:
     """Return all objects in a scenario that are made by the user's own code, which no hash of a scenario covers."""
     found: list[Any] = []
-    to_plain_data(value, found.append, (WindFromFactory,))
+    to_plain_data(value, found.append, (FromFactory,))
     return found

@@ -21,9 +21,8 @@ from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.core.jit import compiled
-from quadpend_gym.core.models import Model, Registry
+from quadpend_gym.core.models import FromFactory, Model, Parts, Registry
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
 
@@ -69,11 +68,8 @@ class Addable:
         return Sum((self,) if isinstance(other, int) and other == 0 else (other, self))
 
 
-class Composite(Addable):
-    """Base class of winds that consist of other models, by default those of their field `wind`.
-
-    A single model has the random streams of the composite; each of several models has its own.
-    """
+class Composite(Parts, Addable):
+    """Base class of winds that consist of other models, by default those of their field `wind`."""
 
     wind: Any
 
@@ -87,56 +83,19 @@ class Composite(Addable):
         """Whether the wind can set a wind velocity."""
         return any(model.moves_air for model in self.parts)
 
-    @property
-    def memory_size(self) -> int:
-        """Number of floats of all its models."""
-        return sum(self._sizes)
-
-    @cached_property
-    def _sizes(self) -> Sequence[int]:
-        return [model.memory_size for model in self.parts]
-
-    def initial_memory(self, streams: Streams) -> Floats:
-        """Return the initial memories of its models side by side."""
-        memories = [model.initial_memory(self._streams(i, streams)) for i, model in enumerate(self.parts)]
-        return np.hstack([np.zeros((streams.keys.size, 0)), *memories])
-
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the winds of its models."""
-        first = 0
-        for i, (model, size) in enumerate(zip(self.parts, self._sizes, strict=True)):
-            model.sample(out, memory[:, first : first + size], step, period, self._streams(i, streams))
-            first += size
-
-    def _streams(self, i: int, streams: Streams) -> Streams:
-        return streams if len(self.parts) == 1 else streams.derive(i)
+        self.each(memory, streams, lambda model, own, random: model.sample(out, own, step, period, random))
 
 
 @settings
-class WindFromFactory(Composite):
-    """The wind that a function or class of the user's own code returns.
-
-    It is the same wind as the returned model. Unlike that model, it can be written as JSON and sent to other processes.
-    """
-
-    kind: str  # "module:factory"; the factory takes no arguments
-
-    def __post_init__(self) -> None:
-        _ = self.parts
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return WindFromFactory, (self.kind,)
+class WindFromFactory(FromFactory, Composite):
+    """The wind that a function or class of the user's own code returns."""
 
     @cached_property
     def parts(self) -> Any:
         """The models that the factory returns."""
-        value = call_factory(self.kind, find_factory(self.kind))
-        try:
-            if value is None:  # a forgotten `return`
-                raise ValueError("it returns None")
-            return WINDS.parse(value)
-        except ValueError as error:
-            raise ValueError(f"{self.kind} must return a wind model: {error}") from error
+        return WINDS.make(self.kind)
 
 
 WINDS = Registry("wind", Wind, WindFromFactory)

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.events import first_events, next_events, present_events
 from quadpend_gym.core.models import Stateless
 from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import Streams
@@ -40,25 +41,17 @@ class Gusts(Loads):
 
     def initial_memory(self, streams: Streams) -> Floats:
         """Draw the first gust."""
-        memory = np.zeros((5, streams.keys.size)).T
-        memory[:, 4] = -1.0
-        self._draw_next(memory, np.full(streams.keys.size, True), streams)
-        return memory
+        return first_events(self.memory_size, streams, self._draw_next)
 
     def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
         """Draw the next gust of the sub-environments `ended`, a boolean mask of shape (n,)."""
-        memory[ended, 4] += 1.0
-        bounds = zip(self.pause, self.length, self.heading, strict=True)
-        pause, length, heading = streams[ended].between(memory[ended, 4].astype(np.int64), *bounds).T
-        memory[ended, 0] += memory[ended, 1] + pause
-        memory[ended, 1] = length
+        (heading,) = next_events(memory, ended, streams, self.pause, self.length, self.heading)
         memory[ended, 2], memory[ended, 3] = np.cos(heading), np.sin(heading)
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the value in the middle of the control period, which is constant during the period."""
         time = (step + 0.5) * period
-        while (ended := time > memory[:, 0] + memory[:, 1]).any():
-            self._draw_next(memory, ended, streams)
+        present_events(memory, time, streams, self._draw_next)
         onset, length, cosine, sine = memory[:, :4].T
         phase = np.maximum(time - onset, 0.0) / length
         shape = 0.5 - 0.5 * np.cos(2.0 * np.pi * phase)

@@ -10,7 +10,7 @@ from scipy import stats
 from quadpend_gym import Reference, read_observation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_FIELDS, State
-from quadpend_gym.sensors import Delay, Dropout, Noise, SampleHold
+from quadpend_gym.sensors import Bursts, Delay, Dropout, Frozen, Noise, Outliers, SampleHold
 from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make_vec
 
 MOVING = Reference(
@@ -29,6 +29,9 @@ SENSORS: dict[str, Any] = {
     "quantisation": Noise(position={"quantum": 0.01}, direction={"quantum": 0.01}),
     "delay": Delay(3),
     "dropout": Dropout(0.3),
+    "bursts": Bursts((0.05, 0.1), (0.02, 0.06)),
+    "frozen": Frozen((0.05, 0.1), (0.02, 0.06)),
+    "outliers": Outliers((0.5, 1.0), (0.01, 0.02)),
     "sample and hold": SampleHold(0.07),  # 60 control steps end on a held sample
     "all": [Noise(position=0.01), Dropout(0.3), Delay(2), {"kind": "noise", "euler": {"quantum": 0.01}}],
 }
@@ -176,6 +179,61 @@ def test_dropout_loses_the_given_fraction_independently_in_each_sub_environment(
     assert lost.mean() == pytest.approx(0.3, abs=5.0 * np.sqrt(0.3 * 0.7 / lost.size))
     for one, other in ((lost[1:], lost[:-1]), (lost[:, 1:], lost[:, :-1])):
         assert largest_correlation(one.reshape(-1, 1), other.reshape(-1, 1)) < 5.0
+
+
+def ages(sensors: Any, rows: int, steps: int) -> Floats:
+    """Return the observed ages of the samples from a reset on, shape (steps + 1, rows), s."""
+    env = make_vec(rows, task=ENDLESS, sensors=sensors, observation=["age"])
+    observed = [env.reset(seed=0)[0], *(env.step(action)[0] for action in draw_actions(0, steps, rows))]
+    return np.array([read_observation(item, "age", ["age"])[:, 0] for item in observed])
+
+
+def test_the_age_of_a_sample_is_the_time_since_it_was_new() -> None:
+    """It begins at 0 in every episode, a delay delays it with its sample, and it is given on to the next sensor."""
+    numbers = np.arange(41)
+    assert not ages([Noise(position=0.1), Delay(3), Outliers(pause=(0.01, 0.01))], 3, 40).any()
+    assert_allclose(ages(SampleHold(0.05), 2, 40)[:, 1], 0.01 * (numbers % 5), atol=1e-7)
+    assert_allclose(ages([SampleHold(0.05), Delay(2)], 2, 40)[2:, 1], 0.01 * (numbers[:-2] % 5), atol=1e-7)
+    assert_allclose(ages(Dropout(1.0), 2, 40)[:, 1], 0.01 * numbers, atol=1e-6)
+
+
+def test_bursts_and_frozen_samples_hold_the_last_one_for_their_length() -> None:
+    """With a pause of 0.2 s and a length of 0.1 s, steps 20 to 29 have the sample of step 19, and so on."""
+    pause, length = (0.2, 0.2), (0.1, 0.1)
+    number = np.arange(101)
+    held = number % 30 >= 20
+    source = np.where(held, number // 30 * 30 + 19, number)
+    for kind, ageing in ((Bursts, 0.01), (Frozen, 0.0)):
+        true, measured = true_and_measured(kind(length, pause), 3, 100)
+        assert_array_equal(measured, true[source])
+        assert_allclose(ages(kind(length, pause), 3, 100)[:, 2], ageing * (number - source), atol=1e-6)
+    lost = ages(Bursts((0.05, 0.15), (0.3, 0.9)), 400, 300) > 0.0
+    assert not lost[0].any()
+    assert lost[100:].mean() == pytest.approx(0.1 / 0.7, rel=0.1)
+    assert largest_correlation(lost[200, :-1, np.newaxis], lost[200, 1:, np.newaxis]) < 5.0
+
+
+def test_an_outlier_moves_the_position_of_one_sample_in_a_random_direction() -> None:
+    error = errors(Outliers(0.5, (0.2, 0.2)), 1000, 50)
+    hit = (error != 0.0).any(axis=-1)
+    assert_array_equal(hit, np.broadcast_to(np.isin(np.arange(51), (20, 40))[:, np.newaxis], hit.shape))
+    position = error[20, :, STATE_FIELDS["position"]]
+    assert_array_equal(np.delete(error, STATE_FIELDS["position"], axis=-1), 0.0)
+    assert_allclose(np.linalg.norm(position, axis=-1), 0.5, rtol=1e-12)
+    for component in position.T:  # each component of a uniform direction is uniform
+        assert stats.kstest(component / 0.5, stats.uniform(-1.0, 2.0).cdf).pvalue > 0.001
+    size = np.linalg.norm(errors(Outliers((0.5, 1.5), (0.01, 0.01)), 1000, 1)[1], axis=-1)
+    assert stats.kstest(size, stats.uniform(0.5, 1.0).cdf).pvalue > 0.001
+
+
+@every_sensor
+def test_what_an_episode_measures_does_not_depend_on_other_rows(sensors: Any) -> None:
+    found = []
+    for rows, seed in ((5, 0), (1, 3)):
+        env = make_vec(rows, sensors=sensors, duration=0.25, autoreset_mode="SameStep", observation="lab")
+        observed = [env.reset(seed=seed)[0], *(env.step(np.zeros((rows, 4), np.float32))[0] for _ in range(60))]
+        found.append(np.array(observed)[:, 3 if rows == 5 else 0])
+    assert_array_equal(*found)
 
 
 @pytest.mark.parametrize(("period", "steps"), [(0.03, 3), (0.01, 1), (0.002, 1)])

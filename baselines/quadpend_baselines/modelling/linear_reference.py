@@ -28,6 +28,7 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 from quadpend_baselines.modelling.linear_loop import vehicle_model
 from quadpend_gym import actuators, sensors
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.models import kind_of
 from quadpend_gym.physics.drag import AIR_DENSITY
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Channel
@@ -82,7 +83,7 @@ def _shapings(models: Any, period: float, scale: Floats) -> list[_Shaping]:
             output[velocity] = turn @ model.filter.c
             found.append(_Shaping(*system, output, model.mean_speed * turn[:, 0]))
         else:
-            raise _refuse(f"the wind {getattr(model, 'kind', type(model).__name__)!r}")
+            raise _refuse(f"the wind {kind_of(model)!r}")
     return found
 
 
@@ -96,7 +97,7 @@ def _noise(scenario: Scenario, measured: list[str]) -> Floats:
                 raise _refuse("biases, random walks and quantisation")
             variance += [channel.white**2 for channel in channels]
         elif not isinstance(model, sensors.Delay):
-            raise _refuse(f"the sensor {model.kind!r}")
+            raise _refuse(f"the sensor {kind_of(model)!r}")
     return np.diag(variance)
 
 
@@ -125,7 +126,7 @@ def linear_problem(scenario: Scenario) -> LinearProblem:
         raise _refuse("an unknown loop")
     for model in scenario.actuators:
         if isinstance(model, actuators.PacketLoss | actuators.GyroBias):
-            raise _refuse(f"the actuator {model.kind!r}")
+            raise _refuse(f"the actuator {kind_of(model)!r}")
     shapings = _shapings(scenario.wind_models, scenario.period, np.ones(WIND_SIZE))
     if not shapings:
         raise _refuse("still air")

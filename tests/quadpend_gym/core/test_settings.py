@@ -12,11 +12,13 @@ import pytest
 
 import quadpend_train.training.settings  # noqa: F401, so that all settings are imported
 from quadpend_gym import Constant, Reference, SinusoidTerm, Waypoints
+from quadpend_gym.core.models import FromFactory
 from quadpend_gym.core.settings import Interval, Range, declared, parse, settings
 from quadpend_gym.randomization import Around, LoopChanges, LoopRanges, ParameterRanges
 from quadpend_gym.sensors import Noise
+from quadpend_gym.tasks.jumps import Jumps
 from quadpend_gym.vehicles import VEHICLES
-from quadpend_gym.wind import Drawn, Rescaled, WindFromFactory
+from quadpend_gym.wind import Drawn, Rescaled
 from quadpend_gym.wind.steady import Rising
 
 HUMMINGBIRD = VEHICLES["hummingbird"]
@@ -24,6 +26,7 @@ EXAMPLES = (  # of classes with fields that have no default
     *(Drawn(Constant()), Rescaled(Constant()), Rising(Constant(), 1.0), Noise(position=0.1)),
     *(Around(0.1), ParameterRanges(bob_mass=(0.1, 0.2)), LoopRanges(jitter=0.1)),
     LoopChanges((0.0, 1.0), latency=(0.0, 0.1)),
+    Jumps((0.1, 0.2)),
     *(Waypoints((0.0, 1.0), ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0))), Reference(terms=(SinusoidTerm(),))),
     *(HUMMINGBIRD, HUMMINGBIRD.rotors, HUMMINGBIRD.pole, HUMMINGBIRD.drag, HUMMINGBIRD.rate_loop),
 )
@@ -33,7 +36,7 @@ KINDS = {
     for name, module in sorted(sys.modules.items())
     for item in (vars(module).values() if name.startswith(("quadpend_gym.", "quadpend_train.training.")) else ())
     if isinstance(item, type) and hasattr(item, "__pydantic_fields__") and item.__module__ == name
-    if item is not WindFromFactory
+    if not issubclass(item, FromFactory)
 }
 FIELDS = [
     pytest.param(kind, name, hint, bounds, id=f"{kind.__name__}.{name}")

@@ -1,6 +1,7 @@
 """A scenario is data: from a name, a file, JSON or own code, and it describes everything about an environment."""
 
 import json
+import pickle
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from quadpend_gym.tasks.task import TASKS, Task
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import as_wind
 from quadpend_gym.wrappers import WindWrapper
+from tests.helpers.envs import draw_actions
 from tests.helpers.own_code import write_module
 from tests.helpers.sources import ROOT
 
@@ -248,11 +250,53 @@ def test_own_code_gives_a_wind_or_a_whole_scenario(tmp_path: Path, monkeypatch: 
     assert not own_models(SCENARIOS["storm"])
 
 
+OWN_MODELS = """
+import numpy as np
+
+from quadpend_gym.sensors import Dropout
+
+
+class Sticky:
+    memory_size = 4
+
+    def initial_memory(self, streams):
+        return np.zeros((streams.keys.size, 4))
+
+    def sense(self, measured, memory, step, period, streams):
+        measured[:, :3] += memory[:, :3]
+        memory[:, :3] += 0.25
+
+    def act(self, action, memory, step, simulation, streams):
+        action[:], memory[:] = memory.copy(), action.copy()
+
+
+def two():
+    return [Sticky(), Sticky()]
+"""
+
+
+def test_own_code_gives_sensors_and_actuators(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They act as the same models in a list, each with its own memory, and can be written as JSON."""
+    module = write_module(tmp_path, monkeypatch, OWN_MODELS)
+    noise, observation = {"kind": "noise", "position": 0.001}, ["position"]
+    own = Scenario(sensors=[noise, f"{module}:two"], actuators=f"{module}:Sticky", observation=observation)
+    assert find_scenario(json.dumps(scenario_data(own))) == pickle.loads(pickle.dumps(own)) == own
+    assert own_models(own)
+    seen = []
+    for scenario in (own, Scenario(sensors=noise, actuators="action_delay", observation=observation)):
+        env = scenario.make_vec(3)
+        seen.append([env.reset(seed=0)[0], *(env.step(action)[0] for action in 0.1 * draw_actions(0, 9, 3))])
+    shift = np.subtract(*seen)
+    assert_allclose(shift, np.broadcast_to(0.5 * np.arange(10)[:, np.newaxis, np.newaxis], shift.shape), atol=1e-6)
+    with pytest.raises(ValueError, match=f"{module}:Dropout must return models of your own classes, not Dropout: list"):
+        Scenario(sensors=f"{module}:Dropout")
+
+
 def test_a_factory_that_returns_nothing_and_a_module_that_ends_the_program_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     forgetful = write_module(tmp_path, monkeypatch, "def wind():\n    pass\n")
-    with pytest.raises(ValueError, match=f"{forgetful}:wind must return a wind model: it returns None"):
+    with pytest.raises(ValueError, match=f"{forgetful}:wind must return wind models: it returns None"):
         as_wind(f"{forgetful}:wind")
     ending = write_module(tmp_path, monkeypatch, "import sys\nsys.exit(3)\n")
     with pytest.raises(ValueError, match=f"the module of '{ending}:wind' cannot be imported .* SystemExit: 3"):

@@ -136,7 +136,9 @@ def test_models_of_own_code_are_kept_by_the_names_of_their_factories_alone(
     module = write_module(tmp_path, monkeypatch, "from quadpend_gym import Dryden as make")
     own = TrainSettings(scenarios=f"{module}:make")
     assert from_mapping(to_mapping(own), "a test") == own
-    with pytest.raises(ValueError, match=r"cannot describe Mine\(.*: give the wind of a scenario as 'module:factory'"):
+    with pytest.raises(
+        ValueError, match=r"cannot describe Mine\(.*: give the models of a scenario as 'module:factory'"
+    ):
         to_mapping(TrainSettings(scenarios=Scenario(wind=Mine())))
 
 

@@ -28,6 +28,7 @@ from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_gym import engines
 from quadpend_gym.actuators import ActionDelay, GyroBias, MotorLag, PacketLoss, lag_shares
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.models import kind_of
 from quadpend_gym.engines import CompiledFunction, columns, lift
 from quadpend_gym.physics.dynamics import thrust_axis
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
@@ -108,8 +109,8 @@ def check_covered(name: str, scenario: Scenario) -> None:
     for model in scenario.actuators:
         if not isinstance(model, ActionDelay | MotorLag | PacketLoss | GyroBias):
             raise ValueError(
-                f"algo 'apg' cannot have the actuator {model.kind!r}, only 'action_delay', 'motor_lag', 'packet_loss'"
-                f" and 'gyro_bias' (scenario {name})"
+                f"algo 'apg' cannot have the actuator {kind_of(model)!r}, only 'action_delay', 'motor_lag',"
+                f" 'packet_loss' and 'gyro_bias' (scenario {name})"
             )
     if scenario.loop is not None and scenario.simulation.vehicle.attitude != "rigid":
         raise ValueError(f"algo 'apg' draws the loop of rigid vehicles only, not that of the scenario {name}")

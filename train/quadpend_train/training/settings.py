@@ -157,7 +157,7 @@ def _data(scenario: Scenario) -> Any:
 
 
 def _refuse(model: Any) -> Any:
-    raise ValueError(f"a settings file cannot describe {model!r}: give the wind of a scenario as 'module:factory'")
+    raise ValueError(f"a settings file cannot describe {model!r}: give the models of a scenario as 'module:factory'")
 
 
 _SCENARIOS = PrimitiveConstructorSpec[Any](

@@ -1,0 +1,40 @@
+"""Events at random times, such as gusts: a pause, an event, a pause and so on.
+
+What is drawn for an event is a function of its number alone. The memory of a row begins with onset (s) and length (s)
+of the present or next event, and ends with its number.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Booleans, Floats
+from quadpend_gym.core.streams import Streams
+
+Draw = Callable[[Floats, Any, Streams], None]  # draws the next events of the rows of a mask: (memory, rows, streams)
+
+
+def first_events(memory_size: int, streams: Streams, draw: Draw) -> Floats:
+    """Return the memory with the first event of each episode, shape (n, memory_size)."""
+    memory = np.zeros((memory_size, streams.keys.size)).T
+    memory[:, -1] = -1.0
+    draw(memory, np.full(streams.keys.size, True), streams)
+    return memory
+
+
+def next_events(memory: Floats, rows: Any, streams: Streams, pause: Any, length: Any, *bounds: Any) -> list[Floats]:
+    """Draw pause and length of the next events of the rows of a mask; return further numbers uniform in `bounds`."""
+    memory[rows, -1] += 1.0
+    pairs = zip(pause, length, *bounds, strict=True)
+    waited, lasts, *drawn = streams[rows].between(memory[rows, -1].astype(np.int64), *pairs).T
+    memory[rows, 0] += memory[rows, 1] + waited
+    memory[rows, 1] = lasts
+    return drawn
+
+
+def present_events(memory: Floats, time: Any, streams: Streams, draw: Draw) -> Booleans:
+    """Draw events until none has ended before `time` (s), shape (n,); return which ones have begun."""
+    while (ended := time > memory[:, 0] + memory[:, 1]).any():
+        draw(memory, ended, streams)
+    return np.asarray(time > memory[:, 0])
