@@ -30,7 +30,16 @@ __all__ = [
 ]
 
 # Sets and scenarios for results only, except what is also in a set for training; of other tasks, only seeds are.
-HELD_OUT = ("test", "test-hummingbird", "as-flown", "flight", "recovery-flight", "flight_onset", "flight_unknown")
+HELD_OUT = (
+    "test",
+    "test-hummingbird",
+    "as-flown",
+    "flight",
+    "events",
+    "recovery-flight",
+    "flight_onset",
+    "flight_unknown",
+)
 _DISTURBANCES = "task", "sensors", "actuators", "parameters", "loop", "latency", "observation"
 
 

@@ -117,13 +117,14 @@ def test_training_and_held_out_sets_have_only_the_calm_scenario_in_common(of: st
 
 
 def test_the_flight_benchmark_has_four_parts_and_no_test_scenario_in_its_training_set() -> None:
-    parts = [SETS[f"flight-{name}"] for name in ("wind", "loop", "vehicle", "motion")]
-    assert SETS["flight"] == tuple(name for part in parts for name in part)
+    for whole, names in (("flight", "wind loop vehicle motion"), ("events", "signals forces vehicle motion")):
+        parts = [SETS[f"{whole}-{name}"] for name in names.split()]
+        assert SETS[whole] == tuple(name for part in parts for name in part)
     held_out = [*find_scenarios(["flight", "recovery-flight"]).values()]
     assert not [scenario for scenario in find_scenarios("training-flight").values() if scenario in held_out]
     assert all((item.wind_rise, item.unscored, item.duration) == (1.0, 2.0, 12.0) for item in held_out[:-7])
     refuse_held_out(["training-flight"])
-    for name in ("flight", "flight-wind", "recovery-flight"):
+    for name in ("flight", "flight-wind", "events", "events-signals", "recovery-flight"):
         with pytest.raises(ValueError, match="held out"):
             refuse_held_out([name])
 
