@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines.controllers.law import Observer
-from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.loop import READABLE, Loop
 from quadpend_baselines.policy.protocol import Policy, PolicyWrapper, fed_by_name
 from quadpend_baselines.policy.told import for_told_pole
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK, ObservationLayout
+from quadpend_gym.tasks.observation import ObservationLayout
 
 
 class Controller(Policy):
@@ -40,7 +40,7 @@ class Controller(Policy):
     observer: Observer = "hidden"
     has_c: bool = False
     flies_load: bool = False
-    layouts: tuple[ObservationLayout, ...] = (FULL, OUTPUT_FEEDBACK)
+    layouts: tuple[ObservationLayout, ...] = READABLE
 
     def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
         self.given_gains, self.simulation, self.loop = gains, simulation or Simulation(), loop or Loop()

@@ -57,18 +57,22 @@ from quadpend_baselines.estimation.estimate import (
     LOOP,
     MASS_RATIO,
     PLACE,
+    POLE,
     REFERENCE,
     RIGID_PART,
     STATE,
     Estimate,
+    for_nominal_length,
     is_bounded,
     law_inputs,
     measured_state,
     moved,
+    near_angle,
     store_attitude,
     store_measured_reference,
 )
 from quadpend_baselines.estimation.estimate import DISTURBANCE as FORCES
+from quadpend_baselines.estimation.estimate import YAW as WANTED_YAW
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.measurement import observed_rows
 from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, design_observers, update_observers
@@ -77,8 +81,10 @@ from quadpend_baselines.estimation.prediction import (
     LoopNumbers,
     Prediction,
     advance,
+    move_reference,
     unpack_loop,
 )
+from quadpend_baselines.estimation.samples import judge, remember
 from quadpend_baselines.gains import ObserverGains
 from quadpend_baselines.modelling.equivalent import Pendulum, chain_stiffness, equivalent_model, sigma_of
 from quadpend_baselines.modelling.quantities import (
@@ -86,7 +92,7 @@ from quadpend_baselines.modelling.quantities import (
     Forces,
     VehicleState,
     calm,
-    load_reference,
+    choose,
     load_state,
     minus,
     store_vectors,
@@ -256,6 +262,7 @@ def _store(
     rigid: RigidSettings | None,
 ) -> None:
     """Write an estimate whose reference is stored, with a state relative to it."""
+    s = for_nominal_length(s, -memory[POLE, lane])
     store_vectors(memory, STATE, lane, moved(s, 1.0, memory[PLACE:REFERENCE], lane))
     chains = memory[memory.shape[0] - BEHIND :]
     store_vectors(memory, FORCES, lane, estimated_forces(chains, lane, mismatch, model))
@@ -265,12 +272,17 @@ def _store(
 
 @inlined
 def _measured(
-    memory: Any, lane: int, seen: Any, model: Pendulum, rigid: RigidSettings | None
+    memory: Any, lane: int, seen: Any, missing: float, model: Pendulum, rigid: RigidSettings | None
 ) -> tuple[VehicleState, Derivatives, AdrcMeasurement]:
-    """Write the reference of a measurement into an estimate; return the state relative to it, it, and the outputs."""
+    """Write the reference of a measurement into an estimate; return the state that laws get, it, and the outputs.
+
+    If the sample is missing, 1 or 0, the state is that of the estimate.
+    """
     store_measured_reference(memory, lane, seen)
-    s = moved(measured_state(memory, lane, seen), -1.0, memory[PLACE:REFERENCE], lane)
-    reference = load_reference(seen, REFERENCE, lane)
+    store_vectors(
+        memory, STATE, lane, choose(missing > 0.5, load_state(memory, STATE, lane), measured_state(memory, lane, seen))
+    )
+    s, _, reference = law_inputs(memory.T, lane)
     return s, reference, measurement_of_state(s, reference, model, rigid)
 
 
@@ -290,7 +302,8 @@ def begin(
         memory[i, lane] = 0.0
     memory[MASS_RATIO, lane] = 1.0
     store(memory, ANCHOR, lane, load(seen, PLACE, lane))
-    measured, reference, m = _measured(memory, lane, seen, model, rigid)
+    measured, reference, m = _measured(memory, lane, seen, 0.0, model, rigid)
+    remember(memory, lane, seen)
     begin_observers(m, model, memory[first:], lane)
     s = state_from_chains(measured, has_rates, reference, m, memory[first:], lane, model, rigid)
     _store(memory, lane, s, mismatch, model, rigid)
@@ -305,20 +318,29 @@ def correct(
     before: Any,
     seen: Any,
     has_rates: bool,
+    known: Any,
     bank: Any,
     numbers: BankNumbers,
-    sensor_delay: int,
     model: Pendulum,
     rigid: RigidSettings | None,
 ) -> None:
     """Correct an estimate in place that was advanced by a period without disturbance and reference.
 
-    `before` is that at the beginning of the period, and `bank` that of `observers.design_observers`.
+    `before` is that at the beginning of the period, and `bank` that of `observers.design_observers`. `known` has
+    whether the sample is missing (1 or 0; the prediction takes its place), whether the reference may jump (1 or 0), and
+    the delay of the sensors in control steps.
     """
     first, held, predicted = memory.shape[0] - BEHIND, load_state(before, STATE, lane), load_state(memory, STATE, lane)
+    missing, jumps, sensor_delay = known
     relative, _, wanted = law_inputs(before.T, lane)
     earlier = measurement_of_state(relative, wanted, model, rigid)
-    measured, reference, m = _measured(memory, lane, seen, model, rigid)
+    for i in range(MASS_RATIO - PLACE):
+        memory[PLACE + i, lane] = before[PLACE + i, lane]
+    move_reference(memory, lane, numbers.period)
+    place, yaw = load(memory, PLACE, lane), load(memory, WANTED_YAW, lane)
+    measured, reference, m = _measured(memory, lane, seen, missing, model, rigid)
+    jump = minus(load(memory, PLACE, lane), place)
+    turn = reference.yaw.x - (yaw.x + numbers.period * (yaw.y + 0.5 * numbers.period * yaw.z))
     command = load_four(memory, memory.shape[0] - COMMAND_SIZE, lane)
     if rigid is not None:
         command = _known_command(held, predicted, earlier, numbers.period, model, rigid)
@@ -328,6 +350,10 @@ def correct(
     begin_observers(m, model, chains, lane)
     for i in range(4 * bank.shape[0]):
         chains[i, lane] = past[i, lane]
+    chains[LUENBERGER, lane] -= jumps * jump.x
+    chains[LUENBERGER + NEXT, lane] -= jumps * jump.y
+    chains[HEIGHT, lane] -= jumps * jump.z
+    chains[YAW, lane] = near_angle(chains[YAW, lane] - jumps * turn, m.yaw_error)
     update_observers(chains, lane, start, end, observer_outputs(m, model), bank, numbers.period)
     is_valid = is_bounded(chains, lane, 4 * bank.shape[0], _MAX_ESTIMATE)
     if sensor_delay > 0:  # a delayed sensor repeats its first sample
@@ -353,15 +379,19 @@ def _observe(
     out: Floats,
 ) -> None:
     """Begin or correct estimates in place that were advanced by a period."""
-    lanes, has_rates = seen[0].T, seen[1]
+    lanes, has_rates, doubts = seen[0].T, seen[1], seen[2]
     numbers, plant, memory = unpack_bank(packed_bank), unpack_loop(packed).plant, out.T
     model, rigid = plant.pendulum, None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
         if started[row]:
             begin(memory, row, lanes, has_rates, numbers.mismatch, model, rigid)
         else:
-            delay = plant.sensor_delay
-            correct(memory, row, before.T, lanes, has_rates, bank, numbers, delay, model, rigid)
+            verdict = judge(memory, row, lanes, numbers.period, doubts)
+            if verdict.begins > 0.0:
+                begin(memory, row, lanes, has_rates, numbers.mismatch, model, rigid)
+            else:
+                known = verdict.missing, doubts, plant.sensor_delay
+                correct(memory, row, before.T, lanes, has_rates, known, bank, numbers, model, rigid)
 
 
 @inlined
@@ -417,7 +447,7 @@ class DesoBank:
     ) -> None:
         luenberger, horizontal, vertical = gains
         self.simulation, self.loop, self.model = simulation, loop, equivalent_model(simulation)
-        self.prediction = DesoPrediction(simulation, loop if predicts else Loop(), predicts)
+        self.prediction = DesoPrediction(simulation, loop if predicts else loop.unpredicted, predicts)
         # The driven state and the gains of each observer; only the matched law has the DESOs of the force
         self.observers = [(LUENBERGER_INPUT, luenberger)] * 2 + [(ESO_INPUT, horizontal)] * 2
         self.observers += [(ESO_INPUT, vertical)] * 2 + [(ESO_INPUT, horizontal)] * (2 if mismatch else 0)
@@ -442,8 +472,7 @@ class DesoBank:
         started: Booleans | None = None,
     ) -> Estimate:
         """Return the estimates after an observation; see `kalman.Estimator.observe`."""
-        length = self.simulation.parameters.rod_length
-        started, seen = observed_rows(observation, self.loop, length, before, started)
+        started, seen = observed_rows(observation, self.loop, self.simulation, before, started)
         last = np.empty((len(observation), self.size)) if before is None else before.array
         out = last.copy()
         if before is not None and action is not None:

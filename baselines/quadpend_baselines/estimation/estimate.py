@@ -14,11 +14,17 @@ An estimate is a flat vector with this layout (`Estimate` names its parts):
 | 53–70  | `innovation`  | measured minus predicted state before the latest correction; 0 for rates not measured      |
 | 71–81  | `rigid`       | quaternion, body rate and rotor thrusts of a rigid vehicle, see `physics.rigid_kernel`     |
 | 82–84  | `anchor`      | the place of the reference when the episode began, m                                       |
-| 85–    |               | memory of the known loop, see `loop.act`; with a latency that is not a whole number of     |
+| 85–86  | `pole`        | believed length l (m) and mass (kg) of the pole, less the nominal ones                     |
+| 87–98  |               | the latest sample, and counts of others, see `samples`                                     |
+| 99–    |               | memory of the known loop, see `loop.act`; with a latency that is not a whole number of     |
 |        |               | periods then the action before                                                             |
 
-A measurement has the same layout, with position and place in the world, and zeros for what is not measured. Where an
-observation has errors alone, the place is zero, and the anchor of an estimate moves with the reference (`rebase`).
+A measurement has the same layout, with position and place in the world, the age of the sample (s), and zeros for what
+is not measured. Where an observation has errors alone, the place is zero, and the anchor of an estimate moves with the
+reference (`rebase`).
+
+Laws are designed for the nominal length l₀ of the pole. With the believed length l they get the state of a vehicle at
+ζ + (l − l₀) r, so that the tracked point ζ + l r is where it is.
 """
 
 from typing import Any, NamedTuple
@@ -29,6 +35,7 @@ from quadpend_baselines.modelling.quantities import (
     Derivatives,
     Forces,
     VehicleState,
+    bob_offset,
     load_forces,
     load_reference,
     load_state,
@@ -37,13 +44,14 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.attitude import body_rate, quaternion_from_euler
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION
-from quadpend_gym.physics.state import FORCE, POSITION, TORQUE, VELOCITY
+from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, FORCE, POSITION, TORQUE, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, axpy, load, store, store_four
 
 ORDERS = 5  # derivatives of the reference, of order 2 … 6
-STATE, DISTURBANCE, PLACE, REFERENCE, YAW, MASS_RATIO, AGE, INNOVATION, RIGID_PART, ANCHOR, LOOP = (
+STATE, DISTURBANCE, PLACE, REFERENCE, YAW, MASS_RATIO, AGE, INNOVATION, RIGID_PART, ANCHOR, POLE = (
     *(0, 18, 27, 33, 48, 51, 52, 53, 71, 82, 85),
 )
+SAMPLE, HELD, REPEATED, REFUSED, LOOP = 87, 96, 97, 98, 99  # see `samples`
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
 LEAST_HEIGHT = float(np.sqrt(1.0 - _MAX_HORIZONTAL**2))  # r_z there
 
@@ -76,9 +84,11 @@ class Estimate(_Rows):
 
     @property
     def relative(self) -> Floats:
-        """Return the state with position and velocity relative to the reference, shape (n, 18)."""
-        out = self.state.copy()
+        """Return the state that laws get, relative to the reference, shape (n, 18)."""
+        out, longer = self.state.copy(), self.array[:, POLE : POLE + 1]
         out[:, : VELOCITY + 3] -= self.place
+        out[:, POSITION : POSITION + 2] += longer * out[:, DIRECTION : DIRECTION + 2]
+        out[:, VELOCITY : VELOCITY + 2] += longer * out[:, DIRECTION_RATE : DIRECTION_RATE + 2]
         return out
 
     @property
@@ -103,7 +113,7 @@ def nominal(estimate: Estimate) -> Estimate:
     A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
     """
     out = Estimate(estimate.array.copy())
-    out.state[:], out.place[:] = estimate.relative, 0.0
+    out.state[:], out.place[:], out.array[:, POLE] = estimate.relative, 0.0, 0.0
     out.disturbance[:, :TORQUE] /= estimate.mass_ratio
     return out
 
@@ -119,10 +129,29 @@ def moved(state: VehicleState, share: float, place: Any, lane: int) -> VehicleSt
 
 @inlined
 def law_inputs(estimate: Any, row: int) -> tuple[VehicleState, Forces, Derivatives]:
-    """Return state relative to the reference, disturbance and reference of an estimate."""
-    lanes = estimate.T
-    state = moved(load_state(lanes, STATE, row), -1.0, lanes[PLACE:REFERENCE], row)
-    return state, load_forces(lanes, DISTURBANCE, row), load_reference(lanes, REFERENCE, row)
+    """Return state relative to the reference, disturbance and reference of an estimate, for a law.
+
+    The yaw is within half a turn of the reference's.
+    """
+    lanes, reference = estimate.T, load_reference(estimate.T, REFERENCE, row)
+    s = for_nominal_length(load_state(lanes, STATE, row), lanes[POLE, row])
+    s = moved(s, -1.0, lanes[PLACE:REFERENCE], row)
+    euler = Vec3(s.euler.x, s.euler.y, near_angle(s.euler.z, reference.yaw.x))
+    state = VehicleState(s.position, s.velocity, euler, s.euler_rate, s.direction, s.direction_rate)
+    return state, load_forces(lanes, DISTURBANCE, row), reference
+
+
+@inlined
+def for_nominal_length(state: VehicleState, longer: float) -> VehicleState:
+    """Return the state of a vehicle with a nominal pole whose tracked point is that of a pole longer by `longer`, m."""
+    position, velocity = bob_offset(state, longer)
+    return VehicleState(position, velocity, state.euler, state.euler_rate, state.direction, state.direction_rate)
+
+
+@inlined
+def near_angle(angle: float, other: float) -> float:
+    """Return an angle less whole turns, within half a turn of another one, rad."""
+    return float(angle - 2.0 * np.pi * np.rint((angle - other) / (2.0 * np.pi)))
 
 
 @inlined
@@ -135,11 +164,13 @@ def rebase(memory: Any, lane: int, share: float) -> None:
 
 @inlined
 def store_measured_reference(memory: Any, lane: int, seen: Any) -> None:
-    """Write the reference of a measurement into an estimate, relative to its anchor."""
+    """Write the reference of a measurement into an estimate, relative to its anchor, and the believed pole."""
     for i in range(MASS_RATIO - PLACE):
         memory[PLACE + i, lane] = seen[PLACE + i, lane]
     for i in range(3):
         memory[PLACE + i, lane] -= memory[ANCHOR + i, lane]
+    for i in range(SAMPLE - POLE):
+        memory[POLE + i, lane] = seen[POLE + i, lane]
 
 
 @inlined
@@ -148,6 +179,13 @@ def measured_state(memory: Any, lane: int, seen: Any) -> VehicleState:
     s = load_state(seen, STATE, lane)
     position = axpy(-1.0, load(memory, ANCHOR, lane), s.position)
     return VehicleState(position, s.velocity, s.euler, s.euler_rate, s.direction, s.direction_rate)
+
+
+@inlined
+def turned_to(state: VehicleState, other: VehicleState) -> VehicleState:
+    """Return a state with the yaw within half a turn of that of another one."""
+    s, euler = state, Vec3(state.euler.x, state.euler.y, near_angle(state.euler.z, other.euler.z))
+    return VehicleState(s.position, s.velocity, euler, s.euler_rate, s.direction, s.direction_rate)
 
 
 @inlined

@@ -35,6 +35,7 @@ from quadpend_baselines.estimation.estimate import (
     AGE,
     ANCHOR,
     DISTURBANCE,
+    HELD,
     INNOVATION,
     LEAST_HEIGHT,
     LOOP,
@@ -50,10 +51,12 @@ from quadpend_baselines.estimation.estimate import (
     project_direction,
     store_attitude,
     store_measured_reference,
+    turned_to,
 )
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.measurement import observed_rows
 from quadpend_baselines.estimation.prediction import BUFFER_SIZE, Prediction, unpack_loop
+from quadpend_baselines.estimation.samples import COASTS, gain_row, judge, remember
 from quadpend_baselines.gains import EstimatorGains
 from quadpend_baselines.modelling import linear_model
 from quadpend_baselines.modelling.equivalent import Pendulum, follow
@@ -115,6 +118,7 @@ def begin(
         memory[i, lane] = memory[i, lane] if i == AGE else 0.0
     store(memory, ANCHOR, lane, load(seen, PLACE, lane))
     store_measured_reference(memory, lane, seen)
+    remember(memory, lane, seen)
     desired, _ = follow(load_reference(seen, REFERENCE, lane), calm(), model)
     rates, measured = moved(desired, 1.0, memory[PLACE:REFERENCE], lane), measured_state(memory, lane, seen)
     state = project_direction(measured if has_rates else with_rates(measured, rates))
@@ -151,7 +155,8 @@ def correct(
     The lanes `seen` have the measurement. The gain L has the shape (24, 16), or (24, 32) with L_gust − L_calm of
     equation (4) behind L_calm. The buffer has at least the shape (24, 1); `mass_share` is ε of equation (3).
     """
-    predicted, measured = load_state(memory, STATE, lane), measured_state(memory, lane, seen)
+    predicted = load_state(memory, STATE, lane)
+    measured = turned_to(measured_state(memory, lane, seen), predicted)
     innovation = combine(-1.0, predicted, measured if has_rates else with_rates(measured, predicted))
     store_vectors(memory, INNOVATION, lane, innovation)
     sine, cosine = sincos(predicted.euler.z)
@@ -185,6 +190,26 @@ def correct(
 
 
 @inlined
+def miss(memory: Any, lane: int, seen: Any) -> None:
+    """Go on with a predicted estimate in place without a correction."""
+    store_measured_reference(memory, lane, seen)
+    for i in range(STATE_SIZE):
+        memory[INNOVATION + i, lane] = 0.0
+
+
+@inlined
+def begin_anew(memory: Any, lane: int, seen: Any, rigid: RigidSettings | None) -> None:
+    """Replace positions and angles of a predicted estimate in place by those of a measurement."""
+    miss(memory, lane, seen)
+    predicted = load_state(memory, STATE, lane)
+    measured = turned_to(measured_state(memory, lane, seen), predicted)
+    state = project_direction(with_rates(measured, predicted))
+    store_vectors(memory, STATE, lane, state)
+    if rigid is not None:
+        store_attitude(memory, RIGID_PART, lane, state)
+
+
+@inlined
 def _bounded(value: float) -> float:
     return min(max(value, -MAX_ESTIMATE), MAX_ESTIMATE)
 
@@ -195,7 +220,7 @@ def _observe(
 ) -> None:
     """Begin or correct estimates in place that were advanced by a period."""
     loop, memory, buffer = unpack_loop(packed), out.T, np.empty((BUFFER_SIZE, 1))
-    lanes, has_rates = seen[0].T, seen[1]
+    lanes, has_rates, doubts = seen[0].T, seen[1], seen[2]
     rigid, model = None if packed_rigid is None else unpack_rigid(packed_rigid), loop.plant.pendulum
     for row in range(out.shape[0]):
         if started[row]:
@@ -203,8 +228,14 @@ def _observe(
                 out[row, i] = 0.0
             begin(memory, row, lanes, has_rates, model, rigid)
         else:
-            gain = table[min(int(out[row, AGE]) - 1, table.shape[0] - 1)]
-            correct(memory, row, lanes, has_rates, gain, mass_share, model.vehicle, rigid, buffer)
+            gain = table[gain_row(out[row, AGE], out[row, HELD], table.shape[0])]
+            verdict = judge(memory, row, lanes, loop.parts[0, 0], doubts)
+            if verdict.missing > 0.0:
+                miss(memory, row, lanes)
+            elif verdict.begins > 0.0:
+                begin_anew(memory, row, lanes, rigid)
+            else:
+                correct(memory, row, lanes, has_rates, gain, mass_share, model.vehicle, rigid, buffer)
             is_valid = is_bounded(memory, row, STATE_SIZE, MAX_ESTIMATE)
             # A delayed sensor repeats its first sample.
             if not (is_valid and out[row, AGE] > loop.plant.sensor_delay):
@@ -228,7 +259,9 @@ class Estimator:
     @cached_property
     def prediction(self) -> Prediction:
         """The prediction (1)."""
-        return Prediction(self.simulation, self.loop if self.gains.predicts else Loop(), self.gains.predicts)
+        return Prediction(
+            self.simulation, self.loop if self.gains.predicts else self.loop.unpredicted, self.gains.predicts
+        )
 
     @property
     def size(self) -> int:
@@ -243,9 +276,10 @@ class Estimator:
 
     @cached_property
     def tables(self) -> tuple[Floats, Floats]:
-        """The gains of the first 100 corrections without and with measured rates, shapes (100, 24, k), see `correct`.
+        """The gains without and with measured rates, shapes (130, 24, k), see `correct` and `samples.gain_row`.
 
-        All later corrections use the last one.
+        The first 100 are those of the first corrections, the last of them also that of all later ones. The others are
+        those of the first correction after a coast of 1 to 30 periods.
         """
         gains, gust = self.gains, self.gains.gust_walk
         noise = self.loop.noise if gains.models_loop else (0.0, 0.0, 0.0)
@@ -274,8 +308,7 @@ class Estimator:
             action: The actions since then, shape (n, 4).
             started: The rows whose episode begins with this observation, shape (n,); None: none of them.
         """
-        length = self.simulation.parameters.rod_length
-        started, seen = observed_rows(observation, self.loop, length, before, started)
+        started, seen = observed_rows(observation, self.loop, self.simulation, before, started)
         out = np.empty((len(observation), self.size)) if before is None else before.array.copy()
         if before is not None and action is not None:
             self.prediction.advance(out, action)
@@ -287,7 +320,7 @@ class Estimator:
 def _gain_table(
     gains: EstimatorGains, simulation: Simulation, has_rates: bool, known_noise: tuple[float, float, float]
 ) -> Floats:
-    """Return L of equation (2) for the first 100 corrections, shape (100, 24, 16).
+    """Return L of equation (2) for the first 100 corrections, and after coasts, shape (130, 24, 16).
 
     Columns of rates that are not measured are zero.
     """
@@ -316,13 +349,14 @@ def _gain_table(
     if not has_rates:
         variance[is_rate] = _INITIAL_RATE**2
     covariance = np.diag(variance)
-    table = np.zeros((_VARYING_STEPS, size, MODEL_STATE_SIZE))
+    table = np.zeros((_VARYING_STEPS + COASTS, size, MODEL_STATE_SIZE))
     kept = np.r_[:MODEL_STATE_SIZE, states:size]
-    for step in range(_VARYING_STEPS):
+    for step in range(len(table)):
         predicted = transition @ covariance @ transition.T + process
         gain = np.linalg.solve(output @ predicted @ output.T + np.diag(noise[measured]), output @ predicted).T
         error_transition = np.eye(size) - gain @ output
-        covariance = error_transition @ predicted @ error_transition.T + gain @ np.diag(noise[measured]) @ gain.T
+        corrected = error_transition @ predicted @ error_transition.T + gain @ np.diag(noise[measured]) @ gain.T
+        covariance = corrected if step < _VARYING_STEPS else predicted
         table[step][:, measured] = gain
     return np.ascontiguousarray(table[:, kept])
 

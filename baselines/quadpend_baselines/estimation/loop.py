@@ -25,8 +25,9 @@ from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay, Noise
-from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK, ObservationLayout
+from quadpend_gym.tasks.observation import FULL, LAB, OUTPUT_FEEDBACK, ObservationLayout
 
+READABLE = FULL, LAB, OUTPUT_FEEDBACK  # what controllers read, the preferred ones first
 LAG, LIMIT = 0.0, 1.0  # kinds of actuators in `Loop.numbers`
 FASTEST_LAG = 0.02  # s, T': faster ones amplify noise, slower ones track less well; measured with `flatness`
 
@@ -40,7 +41,7 @@ class Loop:
         actuators: Models of the types `MotorLag` and `RateLimit`, in the order in which they act after the delay.
         sensor_delay: Control steps from a state to its measurement.
         noise: Standard deviations of the white noise of position (m), Euler angles (rad) and direction (rad).
-        observation: The fields that the controller reads, `FULL` or `OUTPUT_FEEDBACK`.
+        observation: The fields that the controller reads, `FULL`, `LAB` or `OUTPUT_FEEDBACK`.
     """
 
     delay: int = 0
@@ -70,12 +71,24 @@ class Loop:
     def known(cls, scenario: Scenario) -> "Loop":
         """Return the part of a scenario's loop that controllers know, and what they read of its observation."""
         loop = cls.of(scenario.sensors, scenario.actuators) if scenario.loop_known else cls()
-        return loop if set(FULL) <= set(scenario.observation) else replace(loop, observation=OUTPUT_FEEDBACK)
+        seen = set(scenario.observation)
+        observation = next((item for item in READABLE if set(item) <= seen), OUTPUT_FEEDBACK)
+        return replace(loop, observation=observation)
 
     @property
     def has_rates(self) -> bool:
         """Whether velocities are observed."""
         return self.observation == FULL
+
+    @property
+    def in_world(self) -> bool:
+        """Whether positions in the world are observed, with the age of the sample, and not errors alone."""
+        return self.observation == LAB
+
+    @property
+    def unpredicted(self) -> "Loop":
+        """The same observation, without delays, lags and noise."""
+        return Loop(observation=self.observation)
 
     @property
     def steps(self) -> int:

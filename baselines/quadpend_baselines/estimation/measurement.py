@@ -8,22 +8,41 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.estimation.estimate import LOOP, REFERENCE, STATE, YAW, Estimate, law_inputs
-from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.estimate import (
+    AGE,
+    LOOP,
+    MASS_RATIO,
+    PLACE,
+    POLE,
+    REFERENCE,
+    STATE,
+    YAW,
+    Estimate,
+    law_inputs,
+)
+from quadpend_baselines.estimation.loop import READABLE, Loop
 from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, store_vectors
+from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.physics.vectors import Vec3
+from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
+from quadpend_gym.physics.state import DIRECTION as STATE_DIRECTION
+from quadpend_gym.physics.state import EULER, POSITION
+from quadpend_gym.physics.vectors import Vec3, load_four, store
 from quadpend_gym.tasks.observation import (
     FULL,
+    LAB,
     OBSERVATION_FIELDS,
     OBSERVATION_SCALE,
     OBSERVATION_SIZE,
-    OUTPUT_FEEDBACK,
     REFERENCE_START,
     ObservationLayout,
 )
 
+_SCALE = LAB.scale
+_POSITION, _QUATERNION, _LAB_DIRECTION, _AGE, _PLACE, _POLE = (
+    LAB.columns[name].start for name in ("position", "quaternion", "direction", "age", "reference_0", "pole")
+)
 TRACKING_ERROR, _TRACKING_ERROR_RATE, DIRECTION, _DIRECTION_RATE, ATTITUDE, _EULER_RATE = (
     OBSERVATION_FIELDS[name].start
     for name in ("tracking_error", "tracking_error_rate", "direction", "direction_rate", "attitude", "euler_rate")
@@ -51,7 +70,7 @@ def read_reference(observation: Any, place: int, lane: int) -> Derivatives:
 
 
 @inlined
-def measure(observation: Any, lane: int, has_rates: bool, rod_length: float, out: Any) -> None:
+def measure_errors(observation: Any, lane: int, has_rates: bool, rod_length: float, out: Any) -> None:
     """Write the measured state, relative to the reference, and the reference; rates that are not measured are zero."""
     step = 6 if has_rates else 3
     none = Vec3(0.0, 0.0, 0.0)
@@ -71,30 +90,61 @@ def measure(observation: Any, lane: int, has_rates: bool, rod_length: float, out
     store_vectors(out, REFERENCE, lane, reference)
 
 
+@inlined
+def measure_in_world(observation: Any, lane: int, rod_length: float, bob_mass: float, out: Any) -> None:
+    """Write the state and the reference that the observation `LAB` has in the world, its age and the believed pole.
+
+    The nominal length (m) and mass (kg) of the pole are subtracted.
+    """
+    for i in range(MASS_RATIO - PLACE):
+        out[PLACE + i, lane] = _SCALE[_PLACE + i] * observation[_PLACE + i, lane]
+    for i in range(3):
+        out[STATE + POSITION + i, lane] = _SCALE[_POSITION + i] * observation[_POSITION + i, lane]
+        out[STATE + STATE_DIRECTION + i, lane] = _SCALE[_LAB_DIRECTION + i] * observation[_LAB_DIRECTION + i, lane]
+    q = load_four(observation, _QUATERNION, lane)
+    rotation = rotation_matrix(normalised(Quaternion(q.a, q.b, q.c, q.d)))
+    store(out, STATE + EULER, lane, euler_from_rotation(rotation, out[YAW, lane]))  # near the yaw of the reference
+    out[AGE, lane] = _SCALE[_AGE] * observation[_AGE, lane]
+    out[POLE, lane] = _SCALE[_POLE] * observation[_POLE, lane] - rod_length
+    out[POLE + 1, lane] = _SCALE[_POLE + 1] * observation[_POLE + 1, lane] - bob_mass
+
+
 @compiled
-def _measure_rows(observation: Floats, has_rates: bool, rod_length: float, out: Floats) -> None:
+def _error_rows(observation: Floats, has_rates: bool, rod_length: float, out: Floats) -> None:
     for row in range(out.shape[0]):
-        measure(observation.T, row, has_rates, rod_length, out.T)
+        measure_errors(observation.T, row, has_rates, rod_length, out.T)
+
+
+@compiled
+def _world_rows(observation: Floats, rod_length: float, bob_mass: float, out: Floats) -> None:
+    for row in range(out.shape[0]):
+        measure_in_world(observation.T, row, rod_length, bob_mass, out.T)
 
 
 def measurement_from_observation(
-    observation: Floats32, rod_length: float, fields: ObservationLayout = FULL
+    observation: Floats32, rod_length: float, fields: ObservationLayout = FULL, bob_mass: float = 0.0
 ) -> Estimate:
-    """Convert observations, shape (n, m), into measured states; l in m.
+    """Convert observations, shape (n, m), into measured states; nominal length (m) and mass (kg) of the pole.
 
     The fields are those of the observation; without velocities, rates are zero.
     """
     fields.check(observation)
-    has_rates = set(FULL) <= set(fields)
-    columns, out = fields.select(FULL if has_rates else OUTPUT_FEEDBACK), np.zeros((len(observation), LOOP))
-    _measure_rows(np.ascontiguousarray(observation[:, columns], np.float64), has_rates, rod_length, out)
+    read = next(item for item in READABLE if set(item) <= set(fields))
+    given, out = (
+        np.ascontiguousarray(observation[:, fields.select(read)], np.float64),
+        np.zeros((len(observation), LOOP)),
+    )
+    if read == LAB:
+        _world_rows(given, rod_length, bob_mass, out)
+    else:
+        _error_rows(given, read == FULL, rod_length, out)
     return Estimate(out)
 
 
 @compiled
 def _observation_rows(estimate: Floats, rod_length: float, out: Floats32) -> None:
     for row in range(out.shape[0]):
-        s, _, _ = law_inputs(estimate, row)
+        s, _, _ = law_inputs(estimate, row)  # with the tracked point of the believed pole
         attitude = Vec3(s.euler.x, s.euler.y, s.euler.z - float(np.float32(estimate[row, YAW])))
         fields = (*bob_offset(s, rod_length), s.direction, s.direction_rate, attitude, s.euler_rate)
         for i in range(REFERENCE_START):
@@ -111,13 +161,15 @@ def observation_of(estimate: Estimate, rod_length: float) -> Floats32:
 
 
 def observed_rows(
-    observation: Floats32, loop: Loop, rod_length: float, before: Estimate | None, started: Booleans | None
-) -> tuple[Booleans, tuple[Floats, bool]]:
+    observation: Floats32, loop: Loop, simulation: Simulation, before: Estimate | None, started: Booleans | None
+) -> tuple[Booleans, tuple[Floats, bool, float]]:
     """Return which episodes begin, shape (n,), and what compiled functions need of the observation.
 
-    These are the measurements, and whether they have rates. The arguments are those of `kalman.Estimator.observe`.
+    These are the measurements, whether they have rates, and `doubts` of `samples.judge`. The arguments are those of
+    `kalman.Estimator.observe`.
     """
     if started is None:
         started = np.full(len(observation), before is None)
-    measured = measurement_from_observation(observation, rod_length, loop.observation)
-    return started, (measured.array, loop.has_rates)
+    p = simulation.parameters
+    measured = measurement_from_observation(observation, p.rod_length, loop.observation, p.bob_mass)
+    return started, (measured.array, loop.has_rates, float(loop.in_world))

@@ -21,6 +21,7 @@ from quadpend_baselines.estimation.estimate import (
     LOOP,
     MASS_RATIO,
     PLACE,
+    POLE,
     REFERENCE,
     RIGID_PART,
     STATE,
@@ -43,7 +44,7 @@ from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, load, load_four, store, store_four
-from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS
+from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS, ROD_LENGTH
 
 # Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, the action before and
 # this one, disturbance, velocity of the air, and command.
@@ -127,7 +128,8 @@ def advance(
     for i in range(PARAMETERS_SIZE - 2):
         buffer[_PARAMETERS + i, 0] = p[i]
     buffer[_PARAMETERS + QUADROTOR_MASS, 0] = memory[MASS_RATIO, lane] * p.quadrotor_mass
-    buffer[_PARAMETERS + BOB_MASS, 0] = memory[MASS_RATIO, lane] * p.bob_mass
+    buffer[_PARAMETERS + BOB_MASS, 0] = memory[MASS_RATIO, lane] * (p.bob_mass + memory[POLE + 1, lane])
+    buffer[_PARAMETERS + ROD_LENGTH, 0] = p.rod_length + memory[POLE, lane]
     buffer[_PARAMETERS + PARAMETERS_SIZE - 2, 0] = plant.quadrotor_drag_area
     buffer[_PARAMETERS + PARAMETERS_SIZE - 1, 0] = plant.bob_drag_area
     lanes, parameters, forces = buffer[:_PARAMETERS], buffer[_PARAMETERS:_BEFORE], buffer[_FORCES:_AIR]
@@ -238,7 +240,9 @@ class Prediction:
         """What compiled functions need: packed `LoopNumbers`, and packed settings of a rigid vehicle."""
         model, p, scale = equivalent_model(self.simulation), self.simulation.parameters, self.simulation.command_scale
         areas, loop = (p.quadrotor_drag_area, p.bob_drag_area), self.loop
-        plant = PlantNumbers(model.numbers, *areas, Four(*scale.tolist()), loop.steps, loop.sensor_delay, 1.0)
+        plant = PlantNumbers(
+            model.numbers, *areas, Four(*scale.tolist()), loop.steps, loop.sensor_delay, 1.0 - loop.in_world
+        )
         rest = self._latency[1] * self.simulation.period / self.simulation.substeps
         schedule = Schedule(None, replace(self.simulation, latency=rest), 1)
         return (self.parts, schedule.loops, self.actuators, pack(plant)), model.packed_rigid

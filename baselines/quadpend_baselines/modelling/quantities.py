@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from quadpend_gym.core.elementary import select
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.state import (
     BOB_FORCE,
@@ -112,6 +113,25 @@ def combine(factor: float, a: VehicleState, b: VehicleState) -> VehicleState:
         axpy(factor, a.direction, b.direction),
         axpy(factor, a.direction_rate, b.direction_rate),
     )
+
+
+@inlined
+def choose(condition: bool, chosen: VehicleState, other: VehicleState) -> VehicleState:
+    """Return one of two states."""
+    c = condition
+    return VehicleState(
+        _choose(c, chosen.position, other.position),
+        _choose(c, chosen.velocity, other.velocity),
+        _choose(c, chosen.euler, other.euler),
+        _choose(c, chosen.euler_rate, other.euler_rate),
+        _choose(c, chosen.direction, other.direction),
+        _choose(c, chosen.direction_rate, other.direction_rate),
+    )
+
+
+@inlined
+def _choose(condition: bool, a: Vec3, b: Vec3) -> Vec3:
+    return Vec3(select(condition, a.x, b.x), select(condition, a.y, b.y), select(condition, a.z, b.z))
 
 
 @inlined

@@ -148,7 +148,7 @@ def test_the_known_noise_of_a_scenario_lowers_the_gain_where_it_is_larger() -> N
     gains, simulation = replace(FAST, models_loop=True), simulation_of(PAPER)
     quiet, known = Estimator(gains, simulation), Loop.of([Noise(position=1e-4, direction=0.01, level=(1.0, 3.0))])
     assert_array_equal(Estimator(FAST, simulation, known).tables[0], Estimator(FAST, simulation).tables[0])
-    before, noisy = quiet.tables[0][-1], Estimator(gains, simulation, known).tables[0][-1]
+    before, noisy = quiet.tables[0][99], Estimator(gains, simulation, known).tables[0][99]
     assert noisy[PENDULUM, PENDULUM].trace() < 0.5 * before[PENDULUM, PENDULUM].trace()
     assert_allclose(known.noise, [1e-4 * np.sqrt(13.0 / 3.0), 0.0, 0.01 * np.sqrt(13.0 / 3.0)])
 
@@ -171,7 +171,7 @@ def test_gain_converges_to_that_of_the_steady_kalman_filter_and_is_stable(
     output, noise = np.eye(size)[:MODEL_STATE_SIZE][measured], np.diag(noise[measured])
     covariance = solve_discrete_are(transition.T, output.T, process, noise)
     steady = covariance @ output.T @ np.linalg.inv(output @ covariance @ output.T + noise)
-    gain = Estimator(gains, Simulation()).tables[has_rates][-1][:, measured]
+    gain = Estimator(gains, Simulation()).tables[has_rates][99][:, measured]
     assert np.linalg.norm(gain - steady) < 0.1 * np.linalg.norm(steady)
     error = (np.eye(len(transition)) - gain @ output) @ transition
     assert np.abs(np.linalg.eigvals(error)).max() < 0.99

@@ -4,7 +4,7 @@ Gradients (`training.observed`) and C (`export.program`) are made of them. Their
 
 | argument  | size | content                                                                                     |
 |-----------|------|---------------------------------------------------------------------------------------------|
-| observed  | 27   | the observation of the environment without rates; 36 with rates                             |
+| observed  | n    | the observation of the environment: `FULL`, `LAB` or `OUTPUT_FEEDBACK`                      |
 | memory    | m    | an estimate (`estimation.estimate`, also that of `estimation.deso`), or an observation       |
 | later     | m    | the estimate before it is finished for the time when the action acts                        |
 | action    | 4    | the last applied action                                                                     |
@@ -23,7 +23,7 @@ import numpy as np
 from quadpend_baselines.estimation import kalman
 from quadpend_baselines.estimation.estimate import LOOP
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.estimation.measurement import measure
+from quadpend_baselines.estimation.measurement import measure_errors, measure_in_world
 from quadpend_baselines.estimation.prediction import (
     BUFFER_SIZE,
     Prediction,
@@ -39,7 +39,8 @@ from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.physics.vectors import Four
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.observation import FULL, LAB, ObservationLayout
+from quadpend_gym.vehicles import Parameters
 
 
 def function(name: str, make: Callable[..., dict[str, Any]], **sizes: int) -> Any:
@@ -95,31 +96,34 @@ def arrived(later: Any, prediction: Prediction) -> Any:
     return after
 
 
-def measurement(observed: Any, has_rates: bool, rod_length: float) -> Any:
+def measurement(observed: Any, layout: ObservationLayout, vehicle: Parameters) -> Any:
     """Return the measurement of an observation as lanes."""
-    seen = np.zeros((LOOP, 1), object)
-    lift(measure)(columns(observed), 0, has_rates, rod_length, seen)
+    seen, given, length = np.zeros((LOOP, 1), object), columns(observed), vehicle.rod_length
+    if layout == LAB:
+        lift(measure_in_world)(given, 0, length, vehicle.bob_mass, seen)
+    else:
+        lift(measure_errors)(given, 0, layout == FULL, length, seen)
     return seen
 
 
-def correction(estimator: Estimator, has_rates: bool) -> Any:
+def correction(estimator: Estimator, layout: ObservationLayout) -> Any:
     """Return the correction of an estimate, (memory, observed, gain) → next; gains that are always zero are left out.
 
     The estimate was advanced over a period.
     """
-    used: Any = estimator.tables[has_rates].any(axis=0)
+    used: Any = estimator.tables[layout == FULL].any(axis=0)
     loop, rigid = numbers_of(estimator.prediction)
     vehicle = loop.plant.pendulum.vehicle
 
     def correct(memory: Any, observed: Any, gain: Any) -> dict[str, Any]:
         given, after, buffer = np.zeros(used.shape, object), columns(memory), np.empty((len(used), 1), object)
         given[used] = ca.vertsplit(gain)
-        seen, share = measurement(observed, has_rates, vehicle.rod_length), estimator.numbers[0]
-        lift(kalman.correct)(after, 0, seen, has_rates, given, share, vehicle, rigid, buffer)
+        seen, share = measurement(observed, layout, vehicle), estimator.numbers[0]
+        lift(kalman.correct)(after, 0, seen, layout == FULL, given, share, vehicle, rigid, buffer)
         return {"next": vector(after)}
 
-    observed = OBSERVATION_SIZE if has_rates else OUTPUT_FEEDBACK_SIZE
-    return function("correct", correct, memory=estimator.size, observed=observed, gain=int(used.sum()))
+    sizes = {"memory": estimator.size, "observed": layout.size, "gain": int(used.sum())}
+    return function("correct", correct, **sizes)
 
 
 def seen_by(

@@ -31,7 +31,12 @@ from quadpend_gym.engines import columns, lift, vector
 from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
-from quadpend_gym.tasks.observation import OBSERVATION_SCALE, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_SCALE,
+    OUTPUT_FEEDBACK,
+    OUTPUT_FEEDBACK_COLUMNS,
+    OUTPUT_FEEDBACK_SIZE,
+)
 from quadpend_train.common.lifted import (
     advances,
     arrived,
@@ -118,23 +123,23 @@ def _kalman(found: Estimator) -> Program:
     """Return the Kalman observer."""
     size, (loop, rigid) = found.size, numbers_of(found.prediction)
     pendulum = loop.plant.pendulum
-    length = pendulum.vehicle.rod_length
+    vehicle = pendulum.vehicle
     functions, names = advances(found.prediction, size)
 
     def begin(observed: Any) -> dict[str, Any]:
         memory = np.zeros((size, 1), object)
-        lift(kalman.begin)(memory, 0, measurement(observed, False, length), False, pendulum, rigid)
+        lift(kalman.begin)(memory, 0, measurement(observed, OUTPUT_FEEDBACK, vehicle), False, pendulum, rigid)
         return {"memory": vector(memory)}
 
     def miss(memory: Any, observed: Any) -> dict[str, Any]:
         after = columns(memory)
-        lift(store_measured_reference)(after, 0, measurement(observed, False, length))
+        lift(store_measured_reference)(after, 0, measurement(observed, OUTPUT_FEEDBACK, vehicle))
         after[INNOVATION:RIGID_PART] = 0.0  # nothing was measured
         return {"next": vector(after)}
 
     functions["begin"] = function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)
     functions["miss"] = function("miss", miss, memory=size, observed=OUTPUT_FEEDBACK_SIZE)
-    functions["correct"] = correction(found, False)
+    functions["correct"] = correction(found, OUTPUT_FEEDBACK)
     return Program(functions, names, size, 0, size, STATE_SIZE, kalman.MAX_ESTIMATE)
 
 
@@ -142,12 +147,14 @@ def _deso(found: DesoBank) -> Program:
     """Return the observers of ADRC."""
     size, (loop, rigid) = found.size, numbers_of(found.prediction)
     model, bank = loop.plant.pendulum, np.minimum(found.numbers[0], _HIGHEST)
-    length = model.vehicle.rod_length
+    vehicle = model.vehicle
     functions, names = advances(found.prediction, size, deso.advance_known)
 
     def begin(observed: Any) -> dict[str, Any]:
         memory = np.zeros((size, 1), object)
-        lift(deso.begin)(memory, 0, measurement(observed, False, length), False, found.bank.mismatch, model, rigid)
+        lift(deso.begin)(
+            memory, 0, measurement(observed, OUTPUT_FEEDBACK, vehicle), False, found.bank.mismatch, model, rigid
+        )
         return {"memory": vector(memory)}
 
     def release(memory: Any) -> dict[str, Any]:
@@ -157,8 +164,8 @@ def _deso(found: DesoBank) -> Program:
 
     def correct(memory: Any, plant: Any, observed: Any) -> dict[str, Any]:
         after, kernel = columns(plant), lift(deso.correct, {is_bounded: lambda *_: True})
-        seen = measurement(observed, False, length)
-        kernel(after, 0, columns(memory), seen, False, bank, found.bank, 0, model, rigid)
+        seen = measurement(observed, OUTPUT_FEEDBACK, vehicle)
+        kernel(after, 0, columns(memory), seen, False, (0.0, 0.0, 0), bank, found.bank, model, rigid)
         return {"next": vector(after)}
 
     functions["begin"] = function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)

@@ -18,6 +18,7 @@ import numpy as np
 
 from quadpend_baselines.estimation.estimate import AGE
 from quadpend_baselines.estimation.kalman import Estimator
+from quadpend_baselines.estimation.samples import COASTS
 from quadpend_baselines.hybrid.parts import InputPart
 from quadpend_baselines.hybrid.situation import root
 from quadpend_gym import engines
@@ -78,10 +79,13 @@ class Observer(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _gains(observer: Observer) -> Floats:
-    """Return those gains of the observer that are not always zero, of each age, shape (100, k)."""
+    """Return those gains of the observer that are not always zero, of each age, shape (100, k).
+
+    A sample that is missing has the slope of one that is not.
+    """
     estimator: Any = observer.estimator
     table: Floats = estimator.tables[observer.has_rates]
-    return table[:, table.any(axis=0)]
+    return table[:-COASTS, table.any(axis=0)]
 
 
 @lru_cache(maxsize=32)
@@ -101,7 +105,7 @@ def observation_step(observer: Observer) -> Any:
     later, seen = row(memory), observed
     if observer.estimator is not None:
         functions, (first, *rest) = advances(observer.estimator.prediction, observer.estimator.size)
-        correct = correction(observer.estimator, observer.has_rates)
+        correct = correction(observer.estimator, observer.layout)
         memory = correct(functions[first](memory, action), observed, sensing)
         ahead = memory
         for name in rest:

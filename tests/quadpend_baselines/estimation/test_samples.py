@@ -1,0 +1,153 @@
+"""The observation of a lab: places do not matter, jumps are jumps, and bad samples are not used."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quadpend_baselines import controller
+from quadpend_baselines.estimation.estimate import ANCHOR, HELD
+from quadpend_baselines.estimation.samples import MOST_REFUSED
+from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.scenarios import SCENARIOS, Scenario
+from quadpend_gym.tasks.observation import LAB
+
+ROWS = 3
+SCENARIO = replace(SCENARIOS["flight_training_motion"], observation="lab")
+HOVER = replace(SCENARIOS["flight_breeze"], observation="lab")
+every_controller = pytest.mark.parametrize("name", ["lqg", "dual-mode", "adrc-tuned"])
+MEASURED = LAB.select(["position", "quaternion", "direction"])
+
+
+def flight(name: str, steps: int, change: Any = None, scenario: Scenario = SCENARIO) -> tuple[Any, Any, Floats32, Any]:
+    """Fly; return the policy, its last memory, all actions and all observations, which `change(step, …)` changes.
+
+    The environment goes on with the actions for the changed observations.
+    """
+    policy, env, memory, actions, seen = controller(name).adapt(scenario), scenario.make_vec(ROWS), None, [], []
+    observation, _ = env.reset(seed=8)
+    for step in range(steps):
+        given = observation.copy()
+        if change:
+            change(step, given, seen)
+        action, memory = policy.predict(given, memory, np.full(ROWS, step == 0))
+        actions.append(action)
+        seen.append(given)
+        observation, *_ = env.step(action)
+    return policy, memory, np.array(actions), np.array(seen)
+
+
+def replay(policy: Any, seen: Floats32) -> Floats32:
+    """Return the actions for observations, all of them."""
+    actions, memory = [], None
+    for step, observation in enumerate(seen):
+        action, memory = policy.predict(observation, memory, np.full(ROWS, step == 0))
+        actions.append(action)
+    return np.array(actions)
+
+
+@every_controller
+def test_a_constant_added_to_position_and_reference_changes_no_action(name: str) -> None:
+    policy, _, _, seen = flight(name, 150)
+    places = [LAB.columns[field] for field in ("position", "reference_0")]
+    for place in places:
+        seen[..., place] = np.rint(2.0**16 * seen[..., place]) / 2.0**16  # so that sums are exact
+    moved = seen.copy()
+    for place in places:
+        moved[..., place] += np.float32([16.0, -8.0, 4.0])
+    assert_allclose(replay(policy, moved), replay(policy, seen), atol=1e-6)
+
+
+def estimates(policy: Any, seen: Floats32, actions: Floats32) -> Any:
+    """Return the memory after observations, with the actions of a flight, all of them."""
+    memory = None
+    for step, observation in enumerate(seen):
+        memory = policy.update(observation, memory, np.full(ROWS, step == 0))
+        memory = policy.with_applied_action(memory, actions[step])
+    return memory
+
+
+@every_controller
+def test_a_jump_of_the_reference_is_not_taken_for_motion(name: str) -> None:
+    """The action after a jump is that of an observer which has always seen the new reference."""
+    policy, _, actions, seen = flight(name, 100, scenario=HOVER)
+    jumped, other = seen.copy(), seen.copy()
+    for field, jump in (("reference_0", (0.5, -0.25, 0.25)), ("yaw_reference", (0.5, 0.0, 0.0))):
+        for changed in (jumped[50:], other):
+            changed[..., LAB.columns[field]] += np.float32(jump)
+    memories = [estimates(policy, observations, actions) for observations in (jumped, other)]
+    found, expected = (memory.estimate for memory in memories)
+    assert_allclose(found.relative, expected.relative, atol=1e-5)
+    assert_allclose(found.disturbance, expected.disturbance, atol=1e-5)
+    commands = [policy.control(memory)[0] for memory in memories]
+    assert_allclose(*commands, atol=1e-3)
+
+
+def hold(first: int, end: int, tells: bool, step: int, given: Floats32, seen: list[Floats32]) -> None:
+    """Hold the sample in some steps; it `tells` its age, or is frozen."""
+    if first <= step < end:
+        given[:, MEASURED] = seen[first - 1][:, MEASURED]
+        given[:, LAB.columns["age"]] = tells * (step - first + 1) * SCENARIO.period / LAB.scale[LAB.columns["age"]]
+
+
+def outliers(first: int, end: int, step: int, given: Floats32, seen: list[Floats32]) -> None:
+    """Move the measured position by 1 m in some steps."""
+    if first <= step < end:
+        given[:, LAB.columns["position"]] += np.float32([0.6, 0.8, 0.0])
+
+
+@every_controller
+@pytest.mark.parametrize(
+    "change",
+    [partial(hold, 60, 66, True), partial(hold, 60, 66, False), partial(outliers, 60, 61), partial(outliers, 60, 64)],
+    ids=["old", "frozen", "outlier", "outliers"],
+)
+def test_bad_samples_do_not_correct(name: str, change: Any) -> None:
+    """The flight goes on nearly as with the good ones."""
+    good, bad = flight(name, 90, scenario=HOVER), flight(name, 90, change, HOVER)
+    assert_array_equal(bad[2][:60], good[2][:60])
+    position = LAB.columns["position"]
+    assert np.abs(bad[3][-1, :, position] - good[3][-1, :, position]).max() < 0.02
+
+
+@pytest.mark.parametrize("name", ["lqg", "adrc-tuned"])
+def test_the_estimate_begins_anew_where_the_samples_stay(name: str) -> None:
+    """After five refused ones; the velocity and the forces are those before."""
+    change = partial(outliers, 60, 1000)
+    for steps, held in ((60 + MOST_REFUSED, MOST_REFUSED), (61 + MOST_REFUSED, 0)):
+        _, memory, _, seen = flight(name, steps, change, HOVER)
+        assert_array_equal(memory.estimate.array[:, HELD], held)
+    found = memory.estimate.state[:, :3] + memory.estimate.array[:, ANCHOR : ANCHOR + 3]
+    assert_allclose(found, seen[-1][:, LAB.columns["position"]], atol=1e-6)
+    assert np.abs(memory.estimate.state[:, 3:6]).max() < 0.3
+    assert np.abs(memory.estimate.disturbance).max() < 0.5
+
+
+def test_a_simulation_at_rest_is_not_blind() -> None:
+    """Without noise all samples are equal: they count after 0.3 s."""
+    policy, _, _, seen = flight("lqg", 1, scenario=replace(HOVER, sensors=(), wind=None))
+    memory, held = None, []
+    for step in range(60):
+        memory = policy.update(seen[0], memory, np.full(ROWS, step == 0))
+        held.append(memory.estimate.array[0, HELD])
+    assert (max(held), held[-1]) == (30, 0)
+
+
+def test_the_drag_of_a_moving_reference_is_no_disturbance() -> None:
+    """On a circle of 3 m/s² in calm air, errors alone leave 0.5 N unexplained."""
+    circle = replace(SCENARIOS["flight_circle"], wind=None, sensors=(), actuators=())
+    forces = []
+    for observation in ("lab", "output_feedback"):
+        _, memory, _, _ = flight("dual-mode", 200, scenario=replace(circle, observation=observation))
+        forces.append(np.linalg.norm(memory.estimate.disturbance[:, :2], axis=1).max())
+    assert forces[0] < 0.1 * forces[1]
+
+
+def test_the_yaw_error_is_within_half_a_turn() -> None:
+    policy, _, actions, seen = flight("lqg", 50, scenario=HOVER)
+    turned = seen.copy()
+    turned[25:, :, LAB.columns["yaw_reference"].start] += np.float32(2.0 * np.pi)
+    assert_allclose(replay(policy, turned), actions, atol=1e-5)
