@@ -27,6 +27,7 @@ LOOP = {
     "rate_loop": [0.85, 1.15],
     "rotor_lag": [0.9, 1.1],
     "thrust": [0.85, 1.15],
+    "changes": {"at": [0.03, 0.06], "latency": [0.01, 0.035], "thrust": [0.7, 0.8], "rotors": [0.7, 0.8]},
 }
 LOSSES = [{"kind": "packet_loss", "probability": 0.3}, {"kind": "gyro_bias"}]
 RIGID = [
