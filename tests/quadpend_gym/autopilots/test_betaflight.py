@@ -162,3 +162,19 @@ def test_a_closed_environment_leaves_no_process(breeze: Scenario) -> None:
     while processes(session) and time.monotonic() < end:
         time.sleep(0.01)
     assert processes(session) == 0
+
+
+@pytest.mark.extras
+def test_a_change_of_the_loop_within_an_episode_acts_on_the_rotors_that_the_firmware_drives(breeze: Scenario) -> None:
+    velocity = []
+    for changes in ({"at": (0.1, 0.1), "thrust": (0.5, 0.5)}, {"at": (5.0, 5.0), "thrust": (0.5, 0.5)}):
+        scenario = as_scenario(breeze, wind=None, loop={"changes": changes})
+        env = scenario.make().unwrapped
+        env.reset(seed=0)
+        for _ in range(30):
+            env.step(np.zeros(4, np.float32))
+            velocity.append(env.state.velocity[2])
+        env.close()
+    fall = np.subtract(*np.split(np.array(velocity), 2))
+    assert_array_equal(fall[:10], 0.0)
+    assert fall[-1] == pytest.approx(-0.5 * 9.81 * 0.2, rel=0.1)
