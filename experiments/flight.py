@@ -3,28 +3,28 @@
     python -m experiments.flight --jobs 2      # 200 episodes in each scenario, seeds from 1000000
     python -m experiments.flight lqg flatness mine=mine:make --out results/flight      # with a policy of yours
 
-It needs the extras mpc and control. docs/flight/lqg_front.csv, a curve in a figure, comes from `experiments.lqg_front`.
+It needs the extras mpc and control. What is finished is kept in results/cache, and the same command continues.
 """
 
-from dataclasses import replace
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from experiments.flight_cells import cell_table, errors_of, front_figure, scenario_figure
-from experiments.measures import call_time, delay_budget, recovery
+from experiments.measures import call_time
 from experiments.pages import CACHE, DOCS, README, fill, made_by, options, training_seeds
 from quadpend_baselines.gains import tuned
-from quadpend_gym.scenarios import SCENARIOS, find_scenarios
+from quadpend_gym.scenarios import SCENARIOS
 from quadpend_train.common.executors import run
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, compare
+from quadpend_train.evaluation.envelope import BASE, EPISODES, envelope, events, extra_delay, limit, limit_text
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
-from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.linear_models import reference
-from quadpend_train.evaluation.ranking import multiple
+from quadpend_train.evaluation.metrics import cells
+from quadpend_train.evaluation.ranking import gentle, multiple, survivors
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, tables
 
@@ -32,41 +32,66 @@ POLICIES = (
     *("lqg", "flatness", "dual-mode", "lqi", "lqr", "adrc-matched", "adrc-paper"),
     *("apg-flight", "ppo-flight"),
 )
-SLOW, SLOW_EPISODES = ("nmpc",), 20  # takes long, and flies in these scenarios only
-SLOW_SCENARIOS = (
-    *("flight_breeze", "flight_dryden_medium", "flight_gusts", "flight_late", "flight_masses", "flight_circle"),
-)
-FOLDER = DOCS / "flight"
-BREEZE, BLOCK = "flight_breeze", 100  # scenario of the delay margins, and episodes of each search
+MARKERS = "os^vDP*X<>ph"
+FOLDER, DELAY, ROWS = DOCS / "flight", "extra delay", 10  # rows of the table in the README
+EVENTS = {**events(SCENARIOS[BASE]), DELAY: extra_delay(SCENARIOS[BASE])}
+SHORT = "rank", "policy", "survival bound (%)", "error (multiple of the reference)", "envelope", f"{DELAY} (ms)"
+
+Limits = Mapping[str, Mapping[str, Interval]]  # by the names of policies and of events
 
 
-def delay_margins(found: Comparison, seed: int, jobs: int) -> dict[str, Interval]:
-    """Return the median, smallest and largest delay budget, s, of three blocks of episodes or of all training seeds."""
+def find_limits(found: Comparison, episodes: int, seed: int, jobs: int) -> Limits:
+    """Return the limit of each event for each policy."""
     calls = {
-        (name, i): partial(delay_budget, seeds[i % len(seeds)], SCENARIOS[BREEZE], BLOCK, seed + BLOCK * i)
-        for name, seeds in found.learners.items()
-        for i in range(max(3, len(seeds)))
+        (policy, name): partial(limit, seeds, event, episodes, seed, CACHE)
+        for policy, seeds in found.learners.items()
+        for name, event in EVENTS.items()
     }
-    budgets = run(calls, jobs, what="delay budget")
-    values = {name: [budget for (policy, _), budget in budgets.items() if policy == name] for name in found.learners}
-    return {name: Interval(float(np.median(each)), min(each), max(each)) for name, each in values.items()}
+    limits = run(calls, jobs, what="limit")
+    return {policy: {name: limits[policy, name] for name in EVENTS} for policy in found.policies}
 
 
-def ranking_with_costs(found: Comparison) -> list[list[str]]:
-    """Return the ranking with the time of a call in the first scenario, and the smallest margin of the linear loops."""
+def envelopes(limits: Limits) -> dict[str, Interval]:
+    """Return the envelope of each policy."""
+    among = {name: event for name, event in EVENTS.items() if name != DELAY}
+    return {policy: envelope(each, among) for policy, each in limits.items()}
+
+
+def full_ranking(found: Comparison, limits: Limits) -> list[list[str]]:
+    """Return the ranking with envelope, extra delay, smallest margin of the linear loops, and the time of a call."""
     headings, *rows = tables.ranking_rows(found)
-    table, first = [[*headings, "call (µs)", "delay margin (ms)"]], next(iter(found.scenarios.values()))
+    first, wide = next(iter(found.scenarios.values())), envelopes(limits)
+    table = [[*headings, "envelope", f"{DELAY} (ms)", "delay margin (ms)", "call (µs)"]]
     for row in rows:
-        margins = [found.margins.get((scenario, row[1])) for scenario in found.scenarios]
+        policy = row[1]
+        margins = [found.margins.get((scenario, policy)) for scenario in found.scenarios]
         margin = min((1000.0 * each.delay for each in margins if each), default=np.nan)
-        call = 1e6 * call_time(found.learners[row[1]][0], first)
-        table.append([*row, format_number(call), format_number(margin)])
+        call = 1e6 * call_time(found.learners[policy][0], first)
+        numbers = limit_text(limits[policy][DELAY], EVENTS[DELAY]), format_number(margin), format_number(call)
+        table.append([*row, format_interval(wide[policy]), *numbers])
     return table
+
+
+def errors_of(found: Comparison, policy: str) -> list[Any]:
+    """Return the errors of a policy in each gentle scenario, m, shape (s, n), nan for falls."""
+    values = cells(found.table)
+    return [survivors(values[scenario, policy]) for scenario in gentle(list(found.scenarios))]
+
+
+def cell_table(found: Comparison) -> pd.DataFrame:
+    """Return survival (%), reference and error of the survivors (mm), and the multiple with its interval."""
+    rows = []
+    for policy in found.policies:
+        for (scenario, length), error in zip(found.references.items(), errors_of(found, policy), strict=True):
+            share, ratio = 100.0 * np.mean(~np.isnan(error)), multiple([error], [length])
+            rows.append((scenario, policy, share, 1e3 * length, 1e3 * length * ratio.value, *ratio))
+    columns = ["scenario", "policy", "survival", "reference", "error", "multiple", "low", "high"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def matrix(table: pd.DataFrame, found: Comparison) -> str:
     """Return errors in mm with their multiples, and survivals below 100 %, in Markdown, a line for each scenario."""
-    rows, own = [], {name: reference(scenario)[1] for name, scenario in found.scenarios.items()}
+    rows, own = [], {name: reference(found.scenarios[name])[1] for name in found.references}
     for name, part in table.groupby("scenario", sort=False):
         row = [str(name), format_number(part["reference"].iloc[0]) + ("" if own[str(name)] else " *")]
         for cell in part.itertuples():
@@ -76,9 +101,29 @@ def matrix(table: pd.DataFrame, found: Comparison) -> str:
     return markdown_table(["scenario", "reference", *found.policies], rows)
 
 
+def event_matrix(found: Comparison) -> str:
+    """Return survivals in % with the causes of falls, in Markdown, a line for each event at everyday strength."""
+    rows = []
+    for name in found.scenarios.keys() - {*gentle(list(found.scenarios))}:
+        texts = [
+            (found.summaries[name, policy]["survival"].value, found.falls[name, policy]) for policy in found.policies
+        ]
+        rows.append([name, *("100" if share == 100.0 else f"{share:.3g}: {falls}" for share, falls in texts)])
+    return markdown_table(["event", *found.policies], sorted(rows))
+
+
+def limit_table(limits: Limits) -> str:
+    """Return the limits in Markdown, a line for each event."""
+    rows = []
+    for name, event in EVENTS.items():
+        texts = [limit_text(each[name], event) for each in limits.values()]
+        rows.append([f"{name} ({event.unit})", format_number(event.everyday), *texts])
+    return markdown_table(["event", "everyday", *limits], rows)
+
+
 def origins(found: Comparison) -> str:
     """Return in Markdown how each policy was made, and percentiles of the error over its training seeds."""
-    rows, limits = [], list(found.references.values())
+    rows, lengths = [], list(found.references.values())
     for policy, seeds in found.learners.items():
         cards: list[Any] = [getattr(item, "card", None) for item in seeds]
         card, search, spread = cards[0], tuned("hummingbird").get(policy), "–"
@@ -89,68 +134,73 @@ def origins(found: Comparison) -> str:
             texts = [", ".join(names), f"{card['steps']:,} steps, {seconds:.0f} s"]
         if len(seeds) > 1:
             errors = errors_of(found, policy)
-            each = [multiple([error[i : i + 1] for error in errors], limits).value for i in range(len(seeds))]
+            each = [multiple([error[i : i + 1] for error in errors], lengths).value for i in range(len(seeds))]
             spread = " / ".join(map(format_number, np.percentile(each, [10.0, 50.0, 90.0])))
         rows.append([policy, *texts, str(len(seeds)), spread])
     headings = ["policy", "training set", "budget", "seeds", "multiple, 10 / 50 / 90 % of seeds"]
     return markdown_table(headings, rows)
 
 
-def recovery_table(found: Comparison, episodes: int, seed: int, jobs: int) -> str:
-    """Return the shares of recovered episodes and their mean times in Markdown."""
-    scenarios, rows = find_scenarios("recovery-flight"), {policy: [policy] for policy in found.policies}
-    wanted = {(s, p): Job(found.learners[p], scenarios[s], episodes, seed) for p in rows for s in scenarios}
-    for (name, policy), results in run_jobs(wanted, CACHE, jobs).items():
-        share, seconds = recovery(results, scenarios[name].period)
-        rows[policy].append(f"{format_interval(share)}, {format_number(seconds.value)} s")
-    return markdown_table(["policy", *(name.removeprefix("flight_recovery_") for name in scenarios)], rows.values())
+def front_figure(found: Comparison, wide: Mapping[str, Interval]) -> Any:
+    """Return the figure of precision against envelope; the symbols of policies without a rank are empty."""
+    figure = figures.new_figure(7.5, 4.4)
+    ((axis,),) = figures.add_axes(figure, 1, 1)
+    for row in sorted(found.ranking, key=lambda row: found.policies.index(row.policy)):
+        i, x, y = found.policies.index(row.policy), wide[row.policy], row.multiple
+        bars = {f"{name}err": np.abs([[end - each.value] for end in each[1:]]) for name, each in (("x", x), ("y", y))}
+        colour = figures.colour(i)
+        face = colour if row.has_rank else "white"
+        axis.errorbar(x.value, y.value, **bars, fmt=MARKERS[i], color=colour, mfc=face, label=row.policy)
+    axis.set(xlabel="envelope (multiple of everyday strengths)", ylabel="error (multiple of the linear reference)")
+    axis.set(xscale="log", yscale="log")
+    figures.set_log_ticks(axis.xaxis, (1.0, 2.0, 5.0))
+    return _finish(figure, axis, axis.yaxis)
 
 
-def onset_table(found: Comparison, episodes: int, seed: int, jobs: int) -> str:
-    """Return the survival in turbulence that rises and in turbulence that begins at once, in Markdown."""
-    sudden = compare(found.learners, ["flight_onset"], episodes, seed, CACHE, jobs=jobs).summaries
-    scenarios = ["dryden_severe_fair", "dryden_severe"]
-    fair, severe = compare(["flatness"], scenarios, episodes, seed, CACHE, jobs=jobs).summaries.values()
-    pairs = [(p, found.summaries["flight_dryden_fast", p], sudden["flight_onset", p]) for p in found.policies]
-    pairs.append(("flatness, paper's vehicle", fair, severe))
-    rows = [[policy, *(format_interval(item["survival"]) for item in both)] for policy, *both in pairs]
-    return markdown_table(["policy", "fair start: survival (%)", "sudden wind: survival (%)"], rows)
+def scenario_figure(table: pd.DataFrame) -> Any:
+    """Return the figure of the multiples in each scenario; symbols are empty where survival is below 99 %."""
+    figure = figures.new_figure(7.5, 6.0)
+    ((axis,),) = figures.add_axes(figure, 1, 1)
+    for i, (name, part) in enumerate(table.groupby("policy", sort=False)):
+        faces = [figures.colour(i) if share >= 99.0 else "white" for share in part["survival"]]
+        style = {"marker": MARKERS[i], "edgecolors": figures.colour(i), "zorder": 3}
+        axis.scatter(part["multiple"], range(len(part)), c=faces, **style)
+        axis.scatter([], [], c=figures.colour(i), label=name, **style)
+    axis.set_yticks(range(len(part)), part["scenario"].str.removeprefix("flight_"))
+    axis.invert_yaxis()
+    axis.set(xlabel="error (multiple of the reference)", xscale="log")
+    return _finish(figure, axis, axis.xaxis)
 
 
-def slow_table(found: Comparison, seed: int, jobs: int) -> str:
-    """Return the table with the policies that take long, in the few episodes that they fly, in Markdown."""
-    slow = compare(SLOW, SLOW_SCENARIOS, SLOW_EPISODES, seed, CACHE, jobs=jobs)
-    same = (found.table["episode"] < SLOW_EPISODES) & found.table["scenario"].isin(SLOW_SCENARIOS)
-    every, learners = pd.concat([found.table[same], slow.table]), found.learners | slow.learners
-    both = replace(slow, table=every, learners=learners, margins=found.margins | slow.margins)
-    headings, *rows = ranking_with_costs(both)
-    return markdown_table(headings[1:], [row[1:] for row in rows])  # too few episodes for a rank
+def _finish(figure: Any, axis: Any, scale: Any) -> Any:
+    """Add grid, ticks of a logarithmic scale, and legend."""
+    figures.set_log_ticks(scale, (1.0, 2.0, 5.0))
+    axis.grid(color="#dddddd", linewidth=0.5)
+    figure.legend(loc="outside right center", frameon=False)
+    return figure
 
 
 def main() -> None:
     """Fly, and write the page with its figures and tables."""
     given = options(__doc__, 200, POLICIES, FOLDER)
     settings, page, published = (given.episodes, given.seed), given.out / "tables.md", FOLDER / "tables.md"
-    found = compare([*map(training_seeds, given.policies)], ["flight"], *settings, CACHE, jobs=given.jobs)
-    delays, table = delay_margins(found, given.seed, given.jobs), cell_table(found)
-    rows = [[*row, "extra delay (ms)"] for row in ranking_with_costs(found)]
-    for row in rows[1:]:
-        row[-1] = format_interval(delays[row[1]].scaled(1e3))
+    found = compare([*map(training_seeds, given.policies)], ["flight", "events"], *settings, CACHE, jobs=given.jobs)
+    limits = find_limits(found, min(given.episodes, EPISODES), given.seed, given.jobs)
+    table, rows = cell_table(found), full_ranking(found, limits)
     parts = {
         "provenance": made_by("flight", *settings),
-        "ranking": markdown_table(rows[0], rows[1:]),
+        "ranking": f"{markdown_table(rows[0], rows[1:])}\n\n{tables.ranking_note(found)}",
         "origins": origins(found),
         "matrix": matrix(table, found),
-        "recovery": recovery_table(found, *settings, given.jobs),
-        "onset": onset_table(found, *settings, given.jobs),
+        "events": event_matrix(found),
+        "limits": limit_table(limits),
     }
     write_text(given.out / "cells.csv", table.to_csv(index=False, lineterminator="\n"))
-    figures.write_png(front_figure(table[table["scenario"] == BREEZE], delays), given.out / "front.png")
+    figures.write_png(front_figure(found, envelopes(limits)), given.out / "front.png")
     figures.write_png(scenario_figure(table), given.out / "scenarios.png")
+    short = [[row[rows[0].index(name)] for name in SHORT] for row in rows[: ROWS + 1]]
+    print(markdown_table(short[0], short[1:]))
     if page == published:
-        parts["slow"] = slow_table(found, given.seed, given.jobs)
-        shown = rows[:5] + [row for row in rows[5:] if row[1] == "adrc-paper"]
-        short = [[row[i] for i in (0, 1, 2, 4, -1, -3)] for row in shown]  # survival, error, extra delay, call
         fill(README, {"flight": markdown_table(short[0], short[1:])})
         fill(DOCS / "flight.md", {f"flight-{name}": parts[name] for name in ("provenance", "ranking")})
     write_text(page, published.read_text(encoding="utf-8"))

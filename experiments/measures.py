@@ -1,7 +1,6 @@
-"""Measures of the experiments: settling times and recovery, tolerated delays, and the time of a call."""
+"""Measures of the experiments: settling times, and the time of a call."""
 
 import time
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,6 @@ import numpy as np
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.scenarios import Scenario
-from quadpend_train.evaluation.episodes import TEST_SEED, EpisodeResults, run_episodes
-from quadpend_train.evaluation.statistics import Interval, mean, proportion
 
 SETTLED_ERROR = 0.05  # m
 REST = 1.0  # s at the end of an episode, during which the error must be below the limit
@@ -27,46 +24,6 @@ def settling_times(survived: Booleans, error: Any, period: float, limit: float =
     last = np.where(outside.any(axis=-1), steps - np.argmax(outside[..., ::-1], axis=-1), 0)  # steps until it stays
     settled = survived & (last <= max(steps - round(REST / period), 0))
     return np.where(settled, period * last, np.nan)
-
-
-def recovery(results: EpisodeResults, period: float, limit: float = 0.1) -> tuple[Interval, Interval]:
-    """Return the share of episodes that settle, %, and the mean of their settling times, s."""
-    times = settling_times(results.survived, results.error, period, limit)
-    return proportion(~np.isnan(times)).scaled(100.0), mean(times)
-
-
-def delay_budget(
-    policy: Policy,
-    scenario: Scenario,
-    episodes: int = 100,
-    seed: int = TEST_SEED,
-    survival: float = 0.99,
-    longest: float = 0.1,
-) -> float:
-    """Return the smallest additional latency, s, at which a policy survives less than a share of its episodes.
-
-    The policy is designed for the scenario and does not know the additional latency, which is a whole number of
-    substeps. The latency is first doubled and then bisected, as if survival never grew with it. The result is 0 if the
-    share is not reached without an additional latency, and infinite if it is with `longest` (s).
-    """
-    substep = scenario.period / scenario.simulation.substeps
-
-    def survives(substeps: int) -> bool:
-        late = replace(scenario, latency=scenario.latency + substeps * substep)
-        return bool(run_episodes([policy], late, episodes, seed, known=scenario).survived.mean() >= survival)
-
-    if not survives(0):
-        return 0.0
-    tolerated, last = 0, round(longest / substep)
-    late = min(1, last)
-    while survives(late):
-        if late == last:
-            return np.inf
-        tolerated, late = late, min(2 * late, last)
-    while late - tolerated > 1:
-        middle = (tolerated + late) // 2
-        tolerated, late = (middle, late) if survives(middle) else (tolerated, middle)
-    return late * substep
 
 
 def call_time(policy: Policy, scenario: Scenario, calls: int = 300) -> float:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments import flight_cells
+from experiments import flight
 from quadpend_train.evaluation.statistics import Interval
 from tests.helpers.policies import synthetic_comparison, synthetic_results
 
@@ -17,12 +17,12 @@ def test_cells_have_the_error_of_the_survivors_as_a_multiple_and_are_drawn() -> 
         one=[synthetic_results(errors, survived), synthetic_results(np.full(10, 0.03))],
         two=[synthetic_results(np.full(10, 0.02)), synthetic_results(np.full(10, 0.06))],
     )
-    table = flight_cells.cell_table(replace(found, references={"s0": 0.005, "s1": 0.03}))
+    found = replace(found, references={"s0": 0.005, "s1": 0.03})
+    table = flight.cell_table(found)
     assert table["survival"].tolist() == [90.0, 100.0, 100.0, 100.0]
     assert table["error"].tolist() == pytest.approx([10.0, 30.0, 20.0, 60.0])
     assert table["multiple"].tolist() == pytest.approx([2.0, 1.0, 4.0, 2.0])
-    delays = {name: Interval(0.01, 0.005, 0.02) for name in found.policies}
-    front = flight_cells.front_figure(table[table["scenario"] == "s0"], delays)
-    for figure in (front, flight_cells.scenario_figure(table)):
+    limits = {policy: dict.fromkeys(flight.EVENTS, Interval(3.0, 2.0, np.inf)) for policy in found.policies}
+    for figure in (flight.front_figure(found, flight.envelopes(limits)), flight.scenario_figure(table)):
         (legend,) = figure.legends
         assert {"one", "two"} <= {text.get_text() for text in legend.get_texts()}

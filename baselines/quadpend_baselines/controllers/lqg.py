@@ -16,7 +16,7 @@ The Kalman filter is `estimation.kalman` with the same linear model: its noise i
 of the wind are random walks as strong as the assumed wind, σ √(2/τ) for its standard deviation σ and time constant τ.
 `torque_noise` is a white noise of the torque that no wind makes. It bounds the delay margin from below, together with
 ρ: LQG guarantees none (Doyle, IEEE Transactions on Automatic Control 23(4), 1978), and with more of both the loop
-relies less on the model. `experiments/lqg_front.py` searches the smallest error for each margin.
+relies less on the model.
 """
 
 from dataclasses import astuple, dataclass

@@ -8,18 +8,30 @@ import pytest
 from quadpend_baselines import controller
 from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_gym.sensors import Delay, Noise
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
+from quadpend_gym.tasks.task import TASKS
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
 
 pytest.importorskip("control", reason="control is not installed: pip install 'quadpend-gym[control]'")
 pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
 
-from experiments.lqg_front import HOVER
 from quadpend_baselines.modelling.linear_loop import linear_policy
 from quadpend_baselines.modelling.linear_reference import (
     linear_problem,
     linear_reference,
     optimal_policy,
     stationary_error,
+)
+
+HOVER = Scenario(
+    task=TASKS["hover"],
+    vehicle=VEHICLES["hummingbird"],
+    interface="body_rates",
+    latency=0.02,
+    wind=OrnsteinUhlenbeck(force=0.12),
+    sensors=Noise(position=0.0005, euler=0.001, direction=0.0006),
+    observation=OUTPUT_FEEDBACK,
 )
 
 

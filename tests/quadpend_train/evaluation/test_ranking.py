@@ -131,8 +131,8 @@ def test_who_always_falls_has_no_error_and_no_rank_and_comes_last() -> None:
     assert [row[0] for row in ranked] == ["1", "–", "–", "–"]
     assert [row[4] for row in ranked[2:]] == ["–", "–"]
     assert [row[5] for row in ranked] == ["0", "300", "300", "600"]
-    falls = ["falls", *(f"{n} ({n} tilt of the pole)" if n else "0" for n in (300, 300, 0, 150, 300, 0, 0, 150))]
-    assert [row[3] for row in metric_rows(found)] == falls
+    counts = ["falls", *(f"{n} ({n} tilt of the pole)" if n else "0" for n in (300, 300, 0, 150, 300, 0, 0, 150))]
+    assert [row[3] for row in metric_rows(found)] == counts
     assert summary_table(found.summaries).query("metric == 'falls'")["value"].sum() == 1200
     assert format_interval(Interval(20.0, np.nan, np.nan)) == "20.0 [–, –]"
     assert not any(row.has_rank for row in ranking(synthetic_comparison(a=[falls], b=[falls]).table))

@@ -13,10 +13,10 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from experiments.measures import delay_budget
 from quadpend_gym import RewardWeights
 from quadpend_train.cli.evaluation import evaluate
 from quadpend_train.evaluation.comparison import compare
+from quadpend_train.evaluation.envelope import limit
 from quadpend_train.evaluation.episodes import TEST_SEED, TUNING_SEED, VALIDATION_SEED, run_episodes
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports import report
@@ -180,7 +180,7 @@ def test_runs_and_evaluations_share_no_episode() -> None:
 
 
 def test_the_default_episodes_of_evaluations_have_selected_nothing() -> None:
-    for function in (run_episodes, compare, delay_budget, report.evaluate, evaluate):
+    for function in (run_episodes, compare, limit, report.evaluate, evaluate):
         assert inspect.signature(function).parameters["seed"].default == TEST_SEED
     starts = sorted([TEST_SEED, TUNING_SEED, SCORE_SEED, VALIDATION_SEED, CARD_SEED])
     assert starts[0] == TEST_SEED

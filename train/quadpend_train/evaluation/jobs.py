@@ -37,6 +37,7 @@ class Job(NamedTuple):
     episodes: int
     seed: int
     options: dict[str, Any] | None = None
+    known: Scenario | None = None
 
     def __call__(self) -> EpisodeResults:
         """Run the episodes."""
@@ -45,9 +46,10 @@ class Job(NamedTuple):
     def file(self, folder: Path | None) -> Path | None:
         """Return the file of the cached results; None without a folder, or if the job contains the user's own code."""
         fingerprints = [policy.fingerprint for policy in self.policies]
-        if folder is None or None in fingerprints or own_models(self.scenario):
+        if folder is None or None in fingerprints or own_models((self.scenario, self.known)):
             return None
-        parts = [fingerprints, scenario_data(self.scenario), self.episodes, self.seed, self.options, code_hash()]
+        scenarios = [scenario_data(scenario) for scenario in (self.scenario, self.known) if scenario]
+        parts = [fingerprints, scenarios, self.episodes, self.seed, self.options, code_hash()]
         text = json.dumps(parts, sort_keys=True, default=lambda array: array.tolist())
         return folder / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
 

@@ -1,0 +1,118 @@
+"""The data sheet of a policy on a vehicle: what a lab reads before a flight.
+
+It has the margins of the linear model, the survival and the error in a scenario, and the limit of each event beside its
+everyday strength, see `quadpend_train.evaluation.envelope`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from quadpend_baselines import Policy
+from quadpend_gym.scenarios import Scenario
+from quadpend_gym.vehicles.plausibility import LATE, LEAST_THRUST, delays
+from quadpend_train.common.executors import run
+from quadpend_train.evaluation.envelope import ENOUGH, EPISODES, SURVIVAL, Event, events, extra_delay, limit, limit_text
+from quadpend_train.evaluation.episodes import TEST_SEED
+from quadpend_train.evaluation.formatting import format_interval, format_number
+from quadpend_train.evaluation.jobs import Job, run_jobs
+from quadpend_train.evaluation.linear_models import loop_margins
+from quadpend_train.evaluation.metrics import summarise, values_of
+from quadpend_train.evaluation.statistics import Interval
+
+DELAY = "extra delay"
+PHASE = 30.0  # °: the smallest phase margin without a warning
+FIRST = 0.5  # share of a limit up to which the first flights go
+HEADINGS = ("", "found", "needed", "found / needed")
+
+
+@dataclass(frozen=True)
+class DataSheet:
+    """The limits of a policy, and what else a lab reads before a flight.
+
+    `rows` has what was found, what is needed, and the ratio, 1 or more if it suffices, of everything but the limits.
+    """
+
+    rows: list[tuple[str, str, str, float]]
+    events: dict[str, Event]
+    limits: dict[str, Interval]
+
+    def table(self) -> list[Sequence[str]]:
+        """Return the headings and all rows as text."""
+        lines = list(self.rows)
+        for name, event in self.events.items():
+            found, ratio = self.limits[name], self.limits[name].value / event.everyday
+            needed = f"{format_number(event.everyday)} {event.unit}"
+            lines.append((name, f"{limit_text(found, event)} {event.unit}", needed, ratio))
+        return [HEADINGS, *((*texts, format_number(ratio)) for *texts, ratio in lines)]
+
+    def sentences(self) -> list[str]:
+        """Return what is not enough, and what to fly first."""
+        ratios = {name: self.limits[name].value / event.everyday for name, event in self.events.items()}
+        short = [name for name, _, _, ratio in self.rows if ratio < 1.0]
+        weak = [name for name, ratio in ratios.items() if ratio < 1.0]
+        out = [f"Warning: not enough {name}" for name in short]
+        if weak:
+            out.append(f"Warning: the limit is below the everyday strength of: {', '.join(weak)}")
+        if short:
+            return [*out, "Fly first: nothing; mend what is not enough, or take another policy"]
+        steps = sorted((name for name in ratios if name not in weak), key=lambda name: -ratios[name])
+        parts = [
+            f"{name} up to {format_number(FIRST * self.limits[name].value)} {self.events[name].unit}" for name in steps
+        ]
+        avoided = f"; avoid {', '.join(weak)}" if weak else ""
+        return [*out, f"Fly first: hover in still air; then in this order {', '.join(parts)}{avoided}"]
+
+
+def data_sheet(
+    policies: Sequence[Policy],
+    scenario: Scenario,
+    episodes: int = EPISODES,
+    seed: int = TEST_SEED,
+    jobs: int = 1,
+    cache_folder: Path | None = None,
+) -> DataSheet:
+    """Return the data sheet of one controller, or of the training seeds of one learner, on the vehicle of a scenario.
+
+    The events happen on the vehicle and through the loop of the scenario, see `quadpend_train.evaluation.envelope.on`.
+    """
+    found = {**events(scenario), DELAY: extra_delay(scenario)}
+    calls = {name: partial(limit, policies, event, episodes, seed, cache_folder) for name, event in found.items()}
+    limits = run(calls, jobs, what="limit")
+    flown = run_jobs({0: Job([*policies], scenario, max(episodes // len(policies), 1), seed)}, cache_folder)[0]
+    summary = summarise(values_of(flown))
+    simulation, vehicle = scenario.simulation, scenario.vehicle
+    late, fall = sum(delays(simulation).values()), vehicle.stiffness**-0.5
+    survival = summary["survival"]
+    rows = [
+        (
+            f"survival in {scenario.name}",
+            f"{format_interval(survival)} %",
+            f"{SURVIVAL:.0%}",
+            survival.value / (100.0 * SURVIVAL),
+        ),
+        (
+            "time of the pole (1/√K) over delays",
+            f"{1e3 * fall:.0f} / {1e3 * late:.0f} ms",
+            f"{1.0 / LATE:g}",
+            LATE * fall / late if late else np.inf,
+        ),
+    ]
+    if vehicle.rotors:
+        thrust = 4.0 * vehicle.rotors.thrust[1] / vehicle.weight
+        rows.append(("largest thrust", f"{thrust:.2f} weights", f"{LEAST_THRUST:g}", thrust / LEAST_THRUST))
+    for margins in loop_margins({"": [*policies]}, {"": scenario}).values():
+        phase = float(np.rad2deg(margins.phase))
+        rows.append(
+            (
+                "delay margin, linear model",
+                f"{1e3 * margins.delay:.1f} ms",
+                f"{1e3 * ENOUGH:g} ms",
+                margins.delay / ENOUGH,
+            )
+        )
+        rows.append(("phase margin, linear model", f"{phase:.0f}°", f"{PHASE:g}°", phase / PHASE))
+    return DataSheet(rows, found, limits)
