@@ -20,9 +20,9 @@ def preflight(
 ) -> None:
     """Print the data sheet of a policy on a vehicle: its limits beside what flights need.
 
-    The last line says what to fly first. The limit of an event, such as a jump of the set-point, is the largest strength
-    that 99 % of the episodes survive. A bisection finds it as if survival never grew with the strength. Brackets have
-    the largest tried strength without a fall and the smallest one at which survival is below 99 % with 95 % confidence.
+    The limit of an event, such as a jump of the set-point, is the largest strength that 99 % of the episodes survive. A
+    bisection finds it as if survival never grew with the strength. Brackets have the largest tried strength without a
+    fall and the smallest one at which survival is below 99 % with 95 % confidence.
 
     Args:
         policy: A policy, as in evaluate.

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -104,7 +105,7 @@ def on(base: Scenario, event: Scenario) -> Scenario:
     gentle = SCENARIOS[BASE]
     if base == gentle:
         return event
-    models = {
+    models: dict[str, Any] = {
         name: (*getattr(base, name), *(item for item in getattr(event, name) if item not in getattr(gentle, name)))
         for name in ("sensors", "actuators")
     }
