@@ -60,13 +60,12 @@ def test_the_bisection_finds_the_limit_in_six_runs_and_its_interval_tells_what_w
     """Episode k of 100 falls from the strength 20 + k/10 on, so two fall from 20.1."""
     runs: list[float] = []
 
-    def run_jobs(jobs: Any, *_: Any) -> Any:
-        (job,) = jobs.values()
+    def run_job(job: Any, *_: Any) -> Any:
         runs.append(job.scenario.duration)
         survived = job.scenario.duration < 20.0 + 0.1 * np.arange(job.episodes)
-        return {0: synthetic_results(np.ones((len(job.policies), job.episodes)), survived)}
+        return synthetic_results(np.ones((len(job.policies), job.episodes)), survived)
 
-    monkeypatch.setattr(envelope, "run_jobs", run_jobs)
+    monkeypatch.setattr(envelope, "run_job", run_job)
     strengths = tuple(np.linspace(19.0, 22.0, 61).tolist())
     event = Event("s", 10.0, strengths, lambda x: Scenario(duration=x), Scenario())
     value, low, high = limit([controller("lqr")], event)

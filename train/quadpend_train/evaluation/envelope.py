@@ -27,7 +27,7 @@ from quadpend_gym.core.settings import parse, settings
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import format_interval, format_number
-from quadpend_train.evaluation.jobs import Job, run_jobs
+from quadpend_train.evaluation.jobs import Job, run_job
 from quadpend_train.evaluation.statistics import Interval, least_proportion
 
 SURVIVAL = 0.99
@@ -147,7 +147,7 @@ def limit(
     while beyond - tolerated > 1:
         middle = (tolerated + beyond) // 2
         job = Job([*policies], event.at(event.strengths[middle]), each, seed, known=event.known)
-        survivals[middle] = run_jobs({0: job}, cache_folder)[0].survived
+        survivals[middle] = run_job(job, cache_folder).survived
         if survivals[middle].mean() >= SURVIVAL:
             tolerated = middle
         else:

@@ -68,23 +68,36 @@ def run_jobs(
     jobs: Mapping[Name, Job], cache_folder: Path | None = None, processes: int = 1
 ) -> dict[Name, EpisodeResults]:
     """Run all jobs and return their results, which do not depend on `processes`; only missing results are computed."""
-    files = {name: job.file(cache_folder) for name, job in jobs.items()}
-    loaded = {name: _load(path) for name, path in files.items() if path and path.exists()}
+    loaded = {name: _load(job.file(cache_folder)) for name, job in jobs.items()}
     results = {name: result for name, result in loaded.items() if result}
     missing: dict[Name, Any] = {name: job for name, job in jobs.items() if name not in results}
 
     def save(name: Name, result: EpisodeResults) -> None:
-        if path := files[name]:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with atomic(path) as unfinished, unfinished.open("wb") as file:
-                np.savez(file, **result._asdict())
+        _save(jobs[name].file(cache_folder), result)
 
     results |= run(missing, processes, done=save, finished=len(results))
     return {name: results[name] for name in jobs}
 
 
-def _load(path: Path) -> EpisodeResults | None:
-    """Return cached results; None if the file is damaged, as after a power failure."""
+def run_job(job: Job, cache_folder: Path | None = None) -> EpisodeResults:
+    """Return the results of one job, in this process and without a progress bar."""
+    if not (result := _load(path := job.file(cache_folder))):
+        _save(path, result := job())
+    return result
+
+
+def _save(path: Path | None, result: EpisodeResults) -> None:
+    """Write results into the cache, if they have a file there."""
+    if path:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic(path) as unfinished, unfinished.open("wb") as file:
+            np.savez(file, **result._asdict())
+
+
+def _load(path: Path | None) -> EpisodeResults | None:
+    """Return cached results; None if there are none, or if the file is damaged, as after a power failure."""
+    if not path or not path.exists():
+        return None
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             return EpisodeResults(**data)

@@ -18,7 +18,7 @@ from quadpend_train.common.executors import run
 from quadpend_train.evaluation.envelope import ENOUGH, EPISODES, SURVIVAL, Event, events, extra_delay, limit, limit_text
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import format_interval, format_number
-from quadpend_train.evaluation.jobs import Job, run_jobs
+from quadpend_train.evaluation.jobs import Job, run_job
 from quadpend_train.evaluation.linear_models import loop_margins
 from quadpend_train.evaluation.metrics import summarise, values_of
 from quadpend_train.evaluation.statistics import Interval
@@ -82,7 +82,7 @@ def data_sheet(
     found = {**events(scenario), DELAY: extra_delay(scenario)}
     calls = {name: partial(limit, policies, event, episodes, seed, cache_folder) for name, event in found.items()}
     limits = run(calls, jobs, what="limit")
-    flown = run_jobs({0: Job([*policies], scenario, max(episodes // len(policies), 1), seed)}, cache_folder)[0]
+    flown = run_job(Job([*policies], scenario, max(episodes // len(policies), 1), seed), cache_folder)
     summary = summarise(values_of(flown))
     simulation, vehicle = scenario.simulation, scenario.vehicle
     late, fall = sum(delays(simulation).values()), vehicle.stiffness**-0.5
