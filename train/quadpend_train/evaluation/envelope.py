@@ -100,7 +100,8 @@ def on(base: Scenario, event: Scenario) -> Scenario:
     """Return the scenario of an event with the vehicle and the loop of another scenario.
 
     What the event has in common with `BASE` is replaced by what the other scenario has: vehicle, interface, period,
-    latency, observation, sensors and actuators, and the drawn loop and parameters if the event has none.
+    latency, observation, sensors and actuators, and the drawn loop and parameters if the event has none. The pole can be
+    told only if it is observed.
     """
     gentle = SCENARIOS[BASE]
     if base == gentle:
@@ -112,6 +113,7 @@ def on(base: Scenario, event: Scenario) -> Scenario:
     names = "latency", "period", "substeps", "observation", "autopilot", "loop_known"
     drawn = {name: getattr(event, name) or getattr(base, name) for name in ("loop", "parameters")}
     made = event.with_vehicle(base.vehicle, base.interface)
+    drawn["pole_told"] = event.pole_told and "pole" in base.observation
     return replace(made, **{name: getattr(base, name) for name in names}, **models, **drawn)
 
 
