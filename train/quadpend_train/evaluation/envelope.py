@@ -86,9 +86,9 @@ def events(base: Scenario, path: Path = FILE) -> dict[str, Event]:
     for name, event in _events(path).items():
         weights = base.vehicle.weight / SCENARIOS[event.scenario].vehicle.weight if event.unit == "N" else 1.0
         everyday, doublings = event.everyday, np.log2(event.highest / (LOWEST * event.everyday))
-        grid = LOWEST * everyday * 2.0 ** np.arange(0.0, doublings + 1e-9, 1.0 / STEPS)
-        strengths, at = tuple((weights * np.minimum(grid, event.highest)).tolist()), partial(_at, event, base, weights)
-        found[name] = Event(event.unit, weights * everyday, strengths, at, at(weights * everyday))
+        grid = LOWEST * everyday * 2.0 ** np.arange(0.0, doublings - 1e-9, 1.0 / STEPS)
+        strengths, at = weights * np.append(grid, event.highest), partial(_at, event, base, weights)
+        found[name] = Event(event.unit, weights * everyday, tuple(strengths.tolist()), at, at(weights * everyday))
     return found
 
 
@@ -100,7 +100,7 @@ def on(base: Scenario, event: Scenario) -> Scenario:
     """Return the scenario of an event with the vehicle and the loop of another scenario.
 
     What the event has in common with `BASE` is replaced by what the other scenario has: vehicle, interface, period,
-    latency, observation, sensors and actuators, and the drawn loop and parameters if the event has none. The pole can be
+    latency, observation, sensors and actuators, and the drawn loop and parameters if the event has none. The pole is
     told only if it is observed.
     """
     gentle = SCENARIOS[BASE]
@@ -142,13 +142,19 @@ def limit(
     """Return the limit of an event with its interval, in its unit.
 
     The policies are one controller, or the training seeds of one learner, which share the episodes of a run. The limit
-    is the highest strength, and the upper end infinite, if all strengths are survived.
+    is the highest strength, and the upper end infinite, if all strengths are survived. A strength that is impossible on
+    the vehicle is not survived.
     """
     each, survivals = max(episodes // len(policies), 1), {}
     tolerated, beyond = -1, len(event.strengths)
     while beyond - tolerated > 1:
         middle = (tolerated + beyond) // 2
-        job = Job([*policies], event.at(event.strengths[middle]), each, seed, known=event.known)
+        try:
+            scenario = event.at(event.strengths[middle])
+        except ValueError:  # such as a yaw rate above that of the vehicle
+            beyond = middle
+            continue
+        job = Job([*policies], scenario, each, seed, known=event.known)
         survivals[middle] = run_job(job, cache_folder).survived
         if survivals[middle].mean() >= SURVIVAL:
             tolerated = middle

@@ -1,0 +1,56 @@
+"""The data sheet has each limit beside what is needed, and says what to fly first."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadpend_gym.scenarios import SCENARIOS
+from quadpend_train.cli.main import main
+from quadpend_train.evaluation import envelope, preflight
+from quadpend_train.evaluation.envelope import extra_delay
+from quadpend_train.evaluation.preflight import DataSheet
+from quadpend_train.evaluation.statistics import Interval
+
+EVENTS = """
+["start from"]
+scenario = "flight_recovery_20"
+unit = "°"
+highest = 30.0
+changes = {"task.start.pendulum_angle" = [0.0, 0.0174532925]}
+"""
+
+
+def test_what_is_not_enough_is_named_and_the_rest_is_flown_in_the_order_of_its_reserve() -> None:
+    event = replace(extra_delay(SCENARIOS["flight_breeze"]), unit="m", everyday=1.0)
+    events = {"jump": event, "push": event, "gust": event}
+    limits = {"jump": Interval(2.0, 1.0, np.inf), "push": Interval(0.5, 0.0, 1.0), "gust": Interval(4.0, 3.0, 5.0)}
+    sheet = DataSheet([("largest thrust", "2.00 weights", "1.3", 1.54)], events, limits)
+    warning, advice = sheet.sentences()
+    assert warning.endswith("below the everyday strength of: push")
+    assert advice == (
+        "Fly first: hover in still air; then in this order gust up to 2.00 m, jump up to 1.00 m; avoid push"
+    )
+    assert sheet.table()[1:3] == [
+        ("largest thrust", "2.00 weights", "1.3", "1.54"),
+        ("jump", "2.00 [1.00, …] m", "1.00 m", "2.00"),
+    ]
+    weak = replace(sheet, rows=[("largest thrust", "1.20 weights", "1.3", 0.92)]).sentences()
+    assert weak[0] == "Warning: not enough largest thrust"
+    assert weak[-1].startswith("Fly first: nothing")
+
+
+def test_the_command_prints_a_sheet_of_at_most_25_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (path := tmp_path / "events.toml").write_text(EVENTS, encoding="utf-8")
+    monkeypatch.setattr(preflight, "events", lambda scenario: envelope.events(scenario, path))
+    arguments = ["lqg", "--vehicle", "racer", "--episodes", "3", "--jobs", "1", "--cache", str(tmp_path)]
+    main(["preflight", *arguments])
+    sheet = capsys.readouterr().out
+    assert len(sheet.splitlines()) <= 25
+    for text in ("lqg on racer", "survival in flight_breeze", "delay margin", "start from", "extra delay", "Fly first"):
+        assert text in sheet
+    main(["preflight", *arguments])  # from the cache
+    assert capsys.readouterr().out == sheet
