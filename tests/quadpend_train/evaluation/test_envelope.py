@@ -52,7 +52,7 @@ def test_strengths_change_the_settings_of_their_scenario_on_any_vehicle(file: Pa
     assert small.known.latency == 0.03
     assert small.known.sensors[0].position.white == 0.01
     (strong,) = small.at(2.0 * small.everyday).wind
-    assert strong.scale * strong.wind[0].force == pytest.approx(2.0 * small.everyday)
+    assert strong.scale * strong.wind.models[0].force == pytest.approx(2.0 * small.everyday)
 
 
 def test_the_bisection_finds_the_limit_in_six_runs_and_its_interval_tells_what_was_seen(
