@@ -11,12 +11,12 @@ same limits as in the sampled controller.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from tqdm.auto import tqdm
 
 from quadpend_baselines.controllers import adrc
-from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.estimation import deso
 from quadpend_baselines.estimation.chains import OBSERVERS_SIZE, AdrcMeasurement, make_measurement
 from quadpend_baselines.estimation.observers import characteristic_polynomial
@@ -38,7 +38,7 @@ class Trajectory:
     reference: Floats  # derivatives of order 0 to 6 of F_x, F_y, z and ψ, shape (m, 7, 4)
     command: Floats  # thrust (N) and torques τφ, τθ, τψ (N·m), shape (m, 4)
     disturbance: Floats  # the true disturbance, N and N·m, in the layout of `Disturbance`, shape (m, 9)
-    estimate: Floats  # the disturbance that the observers estimate, see `ADRC.estimated_disturbance`, shape (m, 9)
+    estimate: Floats  # the disturbance that the observers estimate, shape (m, 9)
 
     @property
     def outputs(self) -> Floats:
@@ -59,8 +59,9 @@ class ContinuousLoop:
     The state of the loop is that of the plant, shape (18,), followed by those of the m observers, shape (4 m,).
     """
 
-    def __init__(self, policy: ADRC) -> None:
-        self.policy, bank, self._model = policy, policy.bank, policy.bank.model.numbers
+    def __init__(self, policy: Any) -> None:
+        self.policy, bank, self._model = policy, policy.estimator, policy.estimator.model.numbers
+        self._law = adrc.AdrcLaw(policy.gains, policy.simulation)
         # A law without the DESOs of the force does not use their estimates.
         driven, observers = zip(*bank.observers, *bank.observers[2 : 10 - len(bank.observers)], strict=True)
         self._driven = np.arange(len(driven)), np.array(driven)
@@ -126,7 +127,7 @@ class ContinuousLoop:
         """Return the measurement and the saturated command, shape (1, 4)."""
         policy, measurement = self.policy, self._measure(loop[:STATE_SIZE], reference)
         lanes = loop[STATE_SIZE:].reshape(-1, 1)
-        command = adrc.adrc(measurement, lanes, 0, policy.law.numbers, self._model)
+        command = adrc.adrc(measurement, lanes, 0, self._law.numbers, self._model)
         action = to_action(np.array([command]), policy.simulation)
         return measurement, to_command(action, policy.simulation)
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from experiments.paper_continuous import ContinuousLoop, Trajectory
-from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.gains import tuning
 from quadpend_baselines.policy.protocol import to_command
+from quadpend_baselines.registry import controller_of
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import WIND_STREAM, Streams
@@ -50,7 +50,7 @@ def run() -> dict[str, Trajectory]:
     """Simulate the experiment in continuous time, at 1 kHz and at 100 Hz."""
     steps = round(DURATION / CONTINUOUS_STEP)
     times: Floats = 0.5 * CONTINUOUS_STEP * np.arange(2 * steps + 1, dtype=np.float64)
-    loop = ContinuousLoop(ADRC(tuning("adrc-paper").gains))
+    loop = ContinuousLoop(controller_of("adrc-paper", tuning("adrc-paper").gains))
     every = round(RECORDING_PERIOD / CONTINUOUS_STEP)
     return {
         "continuous": loop.simulate(start_state(), REFERENCE, gusts(times), CONTINUOUS_STEP, every),
@@ -77,7 +77,7 @@ def gusts(times: Floats) -> Floats:
 def simulate_sampled(period: float, duration: float = DURATION) -> Trajectory:
     """Simulate the sampled controller in the environment, with single-precision observations."""
     simulation = Simulation(period=period, substeps=max(1, round(2 * period / CONTROL_PERIOD)))
-    policy = ADRC(tuning("adrc-paper").gains, simulation)
+    policy = controller_of("adrc-paper", tuning("adrc-paper").gains, simulation)
     env = QuadPendulumEnv(period=period, substeps=simulation.substeps, duration=2.0 * duration, wind=GUSTS)
     observation, _ = env.reset(seed=SEED, options={"state": START, "reference": REFERENCE})
     every = round(RECORDING_PERIOD / period)

@@ -1,13 +1,10 @@
-"""Wrappers that add wind to an environment, or the latest observations and actions to its observation.
+"""Wrappers that add the latest observations and actions to the observation of an environment.
 
 Each wrapper exists for a single environment and, with the prefix ``Vector``, for a vector environment.
 
 The specification of a single environment contains its wrappers and can be converted to JSON with them. The
-specification of a vector environment contains no wrappers, as with Gymnasium's own vector wrappers, but it contains the
-wind that the environment was made with.
-
-`WindWrapper` changes the simulation of the innermost environment, a `QuadPendulumEnv` or `QuadPendulumVectorEnv`; the
-next reset applies the change. Env and VectorEnv return the same numbers for the same seed.
+specification of a vector environment contains no wrappers, as with Gymnasium's own vector wrappers. Env and VectorEnv
+return the same numbers for the same seed.
 
 With same-step autoreset, `step` returns the first observation of the next episode for each sub-environment whose
 episode ended. The last observation of the ended episode is in ``info["final_obs"]``, an object array of shape (n,) that
@@ -26,30 +23,6 @@ from gymnasium.vector.utils import batch_space
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.core.settings import plain
 from quadpend_gym.envs.spaces import observation_space
-from quadpend_gym.envs.world import world_of
-from quadpend_gym.scenarios.scenario import wind_models
-
-
-def _add_wind(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], wind: Any) -> None:
-    world = world_of(env)
-    world.add_wind(wind_models(wind, world.simulation))
-
-
-class WindWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Add wind, as `gymnasium.make` takes it, to the wind that `env` already has."""
-
-    def __init__(self, env: gym.Env[Any, Any], wind: Any) -> None:
-        RecordConstructorArgs.__init__(self, wind=wind)
-        gym.Wrapper.__init__(self, env)
-        _add_wind(env, wind)
-
-
-class VectorWindWrapper(VectorWrapper):
-    """`WindWrapper` for a vector environment."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], wind: Any) -> None:
-        VectorWrapper.__init__(self, env)
-        _add_wind(env, wind)
 
 
 def last_observations(observation: Floats32, info: dict[str, Any], ended: Booleans) -> Floats32:

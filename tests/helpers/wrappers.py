@@ -23,8 +23,8 @@ NOISE = Noise(
     direction_rate=0.02,
 )
 RANGES = Around(0.2)
-WIND = ("WindWrapper", "storm")
-TURBULENCE = ("WindWrapper", Dryden("moderate"))
+WIND = ("wind", "storm")
+TURBULENCE = ("wind", Dryden("moderate"))
 SENSORS = ("sensors", [NOISE, Dropout(0.2), SampleHold(0.02), Delay(2)])
 ACTUATORS = ("actuators", [PacketLoss(0.2), ActionDelay(2), RateLimit(50.0), MotorLag(0.03)])
 PARAMETERS = ("parameters", RANGES)
@@ -40,13 +40,12 @@ STACKS: dict[str, Layers] = {
     "history": [HISTORY],
     "outputs, history": [OUTPUTS, HISTORY],
     "all": [TURBULENCE, PARAMETERS, ACTUATORS, SENSORS, OUTPUTS, HISTORY],
-    "some wrappers twice": [
+    "a wrapper twice": [
         ("actuators", [MotorLag(), {"kind": "action_delay"}]),
         ("sensors", [Delay(), {"kind": "noise", "position": 0.01}]),
         TURBULENCE,
         ("HistoryWrapper", 1, 1),
         PARAMETERS,
-        ("WindWrapper", "breeze"),
         ("HistoryWrapper", 2),
     ],
 }

@@ -1,4 +1,4 @@
-"""The delay of the loop, its linearisation and the inputs of a hybrid are defined once each.
+"""Equations of motion, the delay of the loop, its linearisation and the inputs of a hybrid are defined once each.
 
 A definition in another place fails here. Exceptions are listed with their reason; the list may only become shorter.
 """
@@ -58,6 +58,21 @@ PLANTS = {
 ASKED = {"train/quadpend_train/export/program.py"}  # which equations of C a controller has
 
 
+EQUATIONS = {
+    "quadpend_gym/physics/dynamics.py": (
+        "thrust_axis",
+        "euler_acceleration",
+        "unconstrained_acceleration",
+        "direction_acceleration",
+        "centre_acceleration",
+    ),
+    "quadpend_gym/physics/rigid_body.py": ("free_body_rate", "pivot_force", "derivative"),
+    "quadpend_gym/physics/attitude.py": ("rotation_matrix", "quaternion_rate", "euler_rate", "body_rate"),
+    "quadpend_gym/physics/rotors.py": ("allocate", "rate_loop", "thrusts_after", "propeller_momentum"),
+    "quadpend_gym/physics/drag.py": ("drag_force",),
+}
+
+
 def files(is_one: Callable[[ast.AST], bool]) -> set[str]:
     """Return the files that contain a node."""
     return {name for name, nodes in NODES.items() if any(map(is_one, nodes))}
@@ -105,6 +120,18 @@ def asks_for_a_law(node: ast.AST) -> bool:
     if not isinstance(node, ast.Call) or called(node) != "isinstance":
         return False
     return bool(LAWS & {item.id for item in ast.walk(node.args[1]) if isinstance(item, ast.Name)})
+
+
+def test_every_equation_of_motion_is_defined_once() -> None:
+    """Numba compiles them, and `quadpend_gym.engines` reads the same functions."""
+    expected = {name: {path} for path, names in EQUATIONS.items() for name in names}
+    found: dict[str, set[str]] = {name: set() for name in expected}
+    for file, nodes in NODES.items():
+        for node in nodes:
+            if isinstance(node, ast.FunctionDef) and node.name in expected:
+                found[node.name].add(file)
+    found["derivative"].remove("baselines/quadpend_baselines/modelling/taylor.py")  # of a Taylor series
+    assert found == expected
 
 
 def test_the_delay_of_the_loop_is_defined_once() -> None:

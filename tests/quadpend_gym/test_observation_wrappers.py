@@ -2,18 +2,15 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 from quadpend_baselines import controller
-from quadpend_gym import Reference
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK
-from quadpend_gym.wrappers import HistoryWrapper
-from tests.helpers.envs import draw_actions, make_unwrapped, run_actions
+from tests.helpers.envs import draw_actions, run_actions
 from tests.helpers.wrappers import (
     ACTUATORS,
     HISTORY,
@@ -28,25 +25,10 @@ SIZES = [(4, 0), (3, 2), (1, 3), (2, 5)]  # observations and actions of a histor
 sizes = pytest.mark.parametrize(("observations", "actions"), SIZES)
 
 
-def test_states_that_differ_only_in_velocities_give_the_same_observation() -> None:
-    env = make_unwrapped(observation="output_feedback")
-    still, moving = (
-        env.reset(
-            seed=0,
-            options={
-                "reference": Reference.circle(1.0, 1.0),
-                "state": dict.fromkeys(("velocity", "euler_rate", "direction_rate"), rate),
-            },
-        )[0]
-        for rate in ((0.0, 0.0, 0.0), (1.0, -2.0, 3.0))
-    )
-    assert_array_equal(moving, still)
-
-
 @pytest.mark.parametrize("name", ["adrc-paper", "adrc-matched"])
 def test_the_papers_controller_uses_no_velocities(name: str) -> None:
     """Its actions on 27 numbers equal those on 36."""
-    layers = [("WindWrapper", "breeze"), ("sensors", NOISE)]
+    layers = [("wind", "breeze"), ("sensors", NOISE)]
     whole, outputs = make_wrapped_vec(3, layers), make_wrapped_vec(3, [*layers, OUTPUTS])
     memories = [None, None]
     policies = [controller(name).adapt(Scenario(observation=fields)) for fields in (FULL, OUTPUT_FEEDBACK)]
@@ -94,11 +76,3 @@ def test_a_masked_reset_keeps_the_histories_of_the_other_sub_environments() -> N
     assert_array_equal(restarted[~mask], history[~mask])
     assert_array_equal(restarted[1], np.concatenate([*[restarted[1, :36]] * 3, np.zeros(8)]))
     assert_array_equal(env.step(actions[0])[0][~mask], untouched.step(actions[0])[0][~mask])
-
-
-def test_histories_work_for_other_environments() -> None:
-    env = HistoryWrapper(gym.make("Pendulum-v1"), 2, 1)
-    first, _ = env.reset(seed=0)
-    second = env.step(np.array([0.5]))[0]
-    assert_array_equal(first, [*first[:3], *first[:3], 0.0])
-    assert_array_equal(second[[0, 1, 2, 6]], [*first[:3], 0.5])

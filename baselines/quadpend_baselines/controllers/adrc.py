@@ -24,9 +24,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.law import Law
-from quadpend_baselines.controllers.output_feedback import OutputFeedback, OutputFeedbackMemory
 from quadpend_baselines.estimation.chains import (
     DISTURBANCE,
     HEIGHT,
@@ -58,8 +56,7 @@ from quadpend_baselines.modelling.equivalent import (
     unpack_pendulum,
 )
 from quadpend_baselines.modelling.quantities import calm, divide, minus, turn3
-from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
@@ -169,7 +166,7 @@ def _commands(estimate: Floats, packed: Any, packed_pendulum: Any, packed_rigid:
 
 @dataclass(frozen=True)
 class AdrcLaw(Law):
-    """The control law (1)–(3) for n rows."""
+    """The control law (1)–(3) for n rows. Networks on it read the measured state, not an estimate."""
 
     gains: AdrcGains
     observer = "deso"
@@ -201,47 +198,3 @@ class AdrcLaw(Law):
         out = np.empty((len(estimate.array), 4))
         _commands(estimate.array, *self._packed, out)
         return np.nan_to_num(out), memory
-
-
-class ADRC(Controller):
-    """The law with its observers as a policy with the `predict` protocol.
-
-    Hybrids on it observe the measured state, not an estimate.
-
-    Args:
-        gains, simulation, loop: As of `Controller`.
-    """
-
-    gains: AdrcGains
-    observer = "deso"
-    has_c = True
-
-    def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
-        super().__init__(gains, simulation, loop)
-        self.inner = OutputFeedback(AdrcLaw, self.gains, self.simulation, self.loop)
-        self.law = AdrcLaw(self.gains, self.simulation)
-        self.bank: DesoBank = self.inner.estimator
-
-    def act(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, OutputFeedbackMemory]:
-        """Return actions and memory; see `Controller.act`."""
-        return self.inner.act(observation, state, episode_start)
-
-    def update(self, observation: Floats32, state: Any, episode_start: Any) -> OutputFeedbackMemory:
-        """Update the estimates with new observations; see `OutputFeedback.update`."""
-        return self.inner.update(observation, state, episode_start)
-
-    def control(self, estimation: OutputFeedbackMemory) -> tuple[Floats32, OutputFeedbackMemory]:
-        """Return the actions of n rows, shape (n, 4), and the memory."""
-        return self.inner.control(estimation)
-
-    def estimates(self, memory: OutputFeedbackMemory) -> tuple[Floats, Floats]:
-        """Return the estimate now, and at the time when the next action acts, shapes (n, k)."""
-        return self.inner.estimates(memory)
-
-    def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
-        """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
-        return self.inner.with_applied_action(memory, action)
-
-    def estimated_disturbance(self, memory: OutputFeedbackMemory) -> Floats:
-        """Return the estimated disturbance, N and N·m, shape (n, 9); see `OutputFeedback.estimated_disturbance`."""
-        return self.inner.estimated_disturbance(memory)

@@ -9,8 +9,7 @@ import pytest
 from experiments import paper
 from experiments.paper_continuous import ContinuousLoop, Trajectory
 from experiments.paper_experiment import GUSTS, REFERENCE, figures_of_merit, gusts, simulate_sampled, start_state
-from quadpend_baselines.controllers.adrc import ADRC
-from quadpend_baselines.gains import tuning
+from quadpend_baselines import controller
 from quadpend_gym import State
 
 
@@ -35,9 +34,7 @@ def test_estimates_follow_the_injected_gusts_in_all_four_channels(at_100_hz: Tra
 def test_sampled_control_approaches_continuous_time() -> None:
     duration, step = 0.5, 4e-4
     times = 0.5 * step * np.arange(2 * round(duration / step) + 1)
-    continuous = ContinuousLoop(ADRC(tuning("adrc-paper").gains)).simulate(
-        start_state(), REFERENCE, gusts(times), step, 25
-    )
+    continuous = ContinuousLoop(controller("adrc-paper")).simulate(start_state(), REFERENCE, gusts(times), step, 25)
     differences = []
     for period in (1e-2, 1e-3):
         sampled = simulate_sampled(period, duration)

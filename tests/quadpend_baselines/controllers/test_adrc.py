@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from quadpend_baselines import CONTROLLERS, controller
-from quadpend_baselines.controllers.adrc import ADRC, AdrcGains, AdrcLaw
+from quadpend_baselines import CONTROLLERS, Policy, controller
+from quadpend_baselines.controllers.adrc import AdrcGains, AdrcLaw
 from quadpend_baselines.estimation.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
 from quadpend_baselines.gains import ObserverGains, tuning
 from quadpend_baselines.policy.rollout import rollout
+from quadpend_baselines.registry import controller_of
 from quadpend_gym import (
     PAPER,
     Constant,
@@ -39,7 +40,7 @@ def predicted_offset(gains: AdrcGains, simulation: Simulation) -> float:
     return float((k[4] * w + k[:4] @ bias) / k[0])
 
 
-def settled_rmse(policy: ADRC, wind: Any, reference: Any = None) -> tuple[float, float]:
+def settled_rmse(policy: Policy, wind: Any, reference: Any = None) -> tuple[float, float]:
     """Return the RMSE (m) of horizontal bob position and of height over the last 5 of 10 s; no episode terminates."""
     env = QuadPendulumVectorEnv(EPISODES, wind=wind, autoreset_mode=AutoresetMode.DISABLED, duration=11.0)
     observation, _ = env.reset(seed=7, options={} if reference is None else {"reference": reference})
@@ -94,7 +95,7 @@ def test_30_percent_of_false_inertia_does_not_make_the_matched_law_fall() -> Non
 def test_noise_makes_fast_observers_fall_and_not_slow_ones(bandwidth: float, falls: bool) -> None:
     """With white noise of 1 mm and 1 mrad, all episodes terminate early at ω_n = 500 rad/s and none at 15 rad/s."""
     observer, noise = ObserverGains(bandwidth), Noise(position=1e-3, euler=1e-3, direction=1e-3)
-    policy = ADRC(AdrcGains(luenberger=observer, horizontal=observer, vertical=observer))
+    policy = controller_of("adrc-paper", AdrcGains(luenberger=observer, horizontal=observer, vertical=observer))
     env = QuadPendulumVectorEnv(EPISODES, task="hover", sensors=noise, autoreset_mode=AutoresetMode.SAME_STEP)
     survived = np.any([step.survived for step in rollout(policy, env, 0)], axis=0)
     assert (survived != falls).all()

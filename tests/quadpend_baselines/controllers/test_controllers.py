@@ -9,7 +9,6 @@ from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import CONTROLLERS
-from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.gains import gains_for, law_of, scale_gains, tuning
 from quadpend_baselines.policy.protocol import to_action, to_command
 from quadpend_gym import PAPER, Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Reference, Simulation
@@ -21,7 +20,7 @@ from quadpend_gym.vehicles import hover_wrench
 from tests.helpers.controllers import controller_parameters, quick_controller, rotate_states, rotate_vectors
 
 every_controller = pytest.mark.parametrize("name", controller_parameters())
-WITH_ESTIMATOR = [name for name in CONTROLLERS if issubclass(law_of(name), Law)]
+WITH_ESTIMATOR = [name for name in CONTROLLERS if getattr(law_of(name), "observer", "") == "kalman"]
 WIND = OrnsteinUhlenbeck(force=0.1, bob_force=0.01, torque=0.01)
 RIGID = ("wrench", "rotors", "body_rates")
 FLIGHTS = {

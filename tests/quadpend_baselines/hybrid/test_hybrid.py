@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
-from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.measurement import observation_of
 from quadpend_baselines.hybrid import (
@@ -38,8 +37,7 @@ def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(n
     observation, _ = env.reset(seed=0)
     policy: Any = controller(name).designed_for(Simulation(), Loop(observation=as_layout(outputs)))
     action, known = policy.predict(observation)
-    estimates_state = isinstance(policy, OutputFeedback)
-    state = observation_of(known.estimate, PAPER.rod_length) if estimates_state else observation
+    state = observation_of(known.estimate, PAPER.rod_length) if policy.observer == "kalman" else observation
     disturbance = policy.estimated_disturbance(known)
     near = np.full(state.shape[1], 1.0)
     near[: state.shape[1] - 18] = 10.0

@@ -114,5 +114,5 @@ def test_actions_that_the_environment_would_refuse_change_nothing() -> None:
 
 
 def test_environments_with_other_observations_are_refused() -> None:
-    message = "the observation 'full' or 'output_feedback', not .*116.*: put its wrapper inside"
+    message = "the observation 'full' or 'output_feedback'.*, not .*116.*: put its wrapper inside"
     assert_refused(lambda: VectorHybridWrapper(make_wrapped_vec(2, [HISTORY]), KINDS[1]), message, ValueError)

@@ -9,8 +9,6 @@ import pytest
 from gymnasium.error import ResetNeeded
 from numpy.testing import assert_array_equal
 
-from quadpend_gym import Constant
-from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make, make_unwrapped, make_vec, run_actions
 
@@ -113,9 +111,8 @@ def test_a_bad_argument_is_refused(value: Any, names: str) -> None:
     assert_refused(lambda: make_vec(2, **value), names)
 
 
-def test_a_step_before_the_first_reset_or_after_wrapping_is_refused(single: Any) -> None:
+def test_a_step_before_the_first_reset_is_refused() -> None:
     assert_refused(lambda: make_unwrapped().step(np.zeros(4)), "call reset before step", ResetNeeded)
-    assert_refused(lambda: WindWrapper(single, Constant()).step(np.zeros(4)), "call reset before step", ResetNeeded)
 
 
 def test_an_ended_sub_environment_cannot_be_stepped_when_autoreset_is_disabled() -> None:

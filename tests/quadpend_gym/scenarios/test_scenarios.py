@@ -27,7 +27,6 @@ from quadpend_gym.scenarios import (
 from quadpend_gym.tasks.task import TASKS, Task
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import as_wind
-from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.envs import draw_actions
 from tests.helpers.own_code import write_module
 from tests.helpers.sources import ROOT
@@ -154,7 +153,7 @@ def test_the_scenarios_of_every_training_set_may_be_trained_in() -> None:
     )
 
 
-def test_the_wind_of_a_scenario_rises_and_that_of_a_wrapper_does_not() -> None:
+def test_the_wind_of_a_scenario_rises() -> None:
     """Forces, torques and velocities are those of the sudden wind times min(t/wind_rise, 1), bit for bit after it."""
     wind = [{"kind": "drawn", "wind": {"kind": "dryden"}}, {"kind": "ornstein_uhlenbeck", "force": 1.0, "torque": 0.1}]
     sudden, rising = (gym.make("quadpend_gym:QuadPendulum-v0", wind=wind, wind_rise=rise) for rise in (0.0, 0.2))
@@ -166,9 +165,6 @@ def test_the_wind_of_a_scenario_rises_and_that_of_a_wrapper_does_not() -> None:
         assert_allclose(found, min((step + 0.5) * 0.01 / 0.2, 1.0) * full, rtol=1e-12)
         assert step < 20 or (found == full).all()
         sudden.step(action), rising.step(action)
-    wrapped = WindWrapper(gym.make("quadpend_gym:QuadPendulum-v0", wind_rise=0.2), {"kind": "constant", "force": 0.1})
-    wrapped.reset(seed=0)
-    assert_array_equal(wrapped.unwrapped.world.wind[0, :3], 0.1)  # type: ignore[attr-defined]
 
 
 def test_presets_of_wind_are_relative_to_the_weight_and_exactly_themselves_for_the_papers_vehicle() -> None:

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.output_feedback import OutputFeedback, actions_of, command_of
 from quadpend_baselines.estimation import deso, kalman
 from quadpend_baselines.estimation.deso import DesoBank
@@ -106,9 +105,10 @@ def program(policy: Any, simulation: Simulation, part: InputPart) -> Program:
 
 def _base(controller: Any) -> _Base:
     """Return a base controller, or for a network alone none."""
-    if isinstance(controller, ADRC):
-        return _with_control(_deso(controller.bank), controller.inner, lift(deso.shift))
-    if isinstance(controller, OutputFeedback):
+    observer = getattr(controller, "observer", "none")
+    if observer == "deso":
+        return _with_control(_deso(controller.estimator), controller, lift(deso.shift))
+    if observer == "kalman":
         return _with_control(_kalman(controller.estimator), controller, lambda *_: None)
     size = OUTPUT_FEEDBACK_SIZE  # the memory is the observation
     functions = {

@@ -179,12 +179,13 @@ def _is_fast(policy: Any) -> bool:
     base = _base(policy) if isinstance(policy, MlpPolicy) else policy
     if getattr(base, "observer", "none") != "deso":
         return False
-    return bool(max(gains.bandwidth for _, gains in base.bank.observers) * base.simulation.period > 1.0)
+    return bool(max(gains.bandwidth for _, gains in base.estimator.observers) * base.simulation.period > 1.0)
 
 
 def _observer(policy: Any) -> Any:
     """Return the Kalman observer of a policy; None without one."""
-    return getattr(_base(policy) if isinstance(policy, MlpPolicy) else policy, "estimator", None)
+    base = _base(policy) if isinstance(policy, MlpPolicy) else policy
+    return base.estimator if getattr(base, "observer", "none") == "kalman" else None
 
 
 def _double_forward(policy: MlpPolicy) -> Any:
