@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.controllers.law import Observer
+from quadpend_baselines.controllers.law import ObserverKind
 from quadpend_baselines.estimation.loop import READABLE, Loop
 from quadpend_baselines.policy.protocol import Policy, PolicyWrapper, fed_by_name
 from quadpend_baselines.policy.told import for_told_pole
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import ObservationLayout
 
@@ -37,7 +36,7 @@ class Controller(Policy):
         flies_load: Whether the controller, designed for a mirrored simulation, also flies a hanging pendulum.
     """
 
-    observer: Observer = "hidden"
+    observer: ObserverKind = "hidden"
     has_c: bool = False
     flies_load: bool = False
     layouts: tuple[ObservationLayout, ...] = READABLE
@@ -77,7 +76,7 @@ class Controller(Policy):
 
 def mirror_simulation(simulation: Simulation) -> Simulation:
     """Return a simulation of the paper's vehicle with the rod length −l, for the design of control laws only."""
-    if isinstance(plant_of(simulation), RigidPlant):
+    if simulation.vehicle.attitude == "rigid":
         raise ValueError(
             f"controllers of a hanging pendulum are for the paper's vehicle, not {simulation.vehicle.name!r}"
         )

@@ -11,7 +11,7 @@ from quadpend_gym.core.arrays import Floats
 
 # What estimates the disturbance: a Kalman filter, which estimates the state too; the observers of ADRC; nothing that
 # other classes may read; or there is no controller
-Observer = Literal["kalman", "deso", "hidden", "none"]
+ObserverKind = Literal["kalman", "deso", "hidden", "none"]
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Law:
     simulation: Simulation
     flies_load: ClassVar[bool] = False  # whether it was tested with a hanging load
     has_linear_model: ClassVar[bool] = True  # False: `modelling.linear_loop` need not look for one
-    observer: ClassVar[Observer] = "kalman"
+    observer: ClassVar[ObserverKind] = "kalman"
     is_linear_near: ClassVar[bool] = False  # whether it has the feedback that `hybrid.deviations` reads
     has_c: ClassVar[bool] = True  # whether it can be written as C
     commands_actions: ClassVar[bool] = False  # whether commands are actions, of which a zero thrust is that of hover

@@ -36,7 +36,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.controllers.law import Observer
+from quadpend_baselines.controllers.law import ObserverKind
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.deviations import deviation_part
 from quadpend_baselines.hybrid.history import history_part
@@ -79,7 +79,7 @@ class Hybrid:
     kind: ClassVar[str]  # the key of the class in `HYBRIDS`
     reads: ClassVar[Literal["estimates", "measurements"]] = "estimates"  # what the policy's observation is made of
     flies_load: ClassVar[bool] = False  # whether it also flies a hanging pendulum
-    observers: ClassVar[tuple[Observer, ...]] = ("kalman", "deso")  # those of the base controllers that it takes
+    observers: ClassVar[tuple[ObserverKind, ...]] = ("kalman", "deso")  # those of the base controllers that it takes
     base_controller: Any  # one of `quadpend_baselines.CONTROLLERS`, or an object
 
     def __post_init__(self) -> None:
@@ -217,7 +217,7 @@ class EstimateOnly(Hybrid):
 class NoController(Policy):
     """In place of a base controller: it estimates nothing, and does not act."""
 
-    observer: Observer = "none"
+    observer: ObserverKind = "none"
 
     def __init__(self, simulation: Simulation, loop: Loop | None = None) -> None:
         self.simulation, self.loop = simulation, loop or Loop()
@@ -252,7 +252,7 @@ class MemoryOnly(Hybrid):
 
     kind: ClassVar[str] = "memory_only"
     reads = "measurements"
-    observers: ClassVar[tuple[Observer, ...]] = (*Hybrid.observers, "none")
+    observers: ClassVar[tuple[ObserverKind, ...]] = (*Hybrid.observers, "none")
     base_controller: Any = "lqg"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
 
     @cached_property

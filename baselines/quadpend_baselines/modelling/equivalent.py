@@ -52,7 +52,6 @@ from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
-from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, axpy, load_four, scale, store_four
@@ -206,7 +205,7 @@ class EquivalentModel:
         self.vehicle, p, second, fourth = simulation, simulation.parameters, 0.0, 0.0
         self.parameters, self.packed_rigid = p, None
         share_of_pivot, pendulum_arm, thrust_arm = 0.0, 0.0, 0.0
-        if isinstance(plant_of(simulation), RigidPlant):
+        if simulation.vehicle.attitude == "rigid":
             self.packed_rigid = pack_rigid(simulation)
             length = p.rod_length + simulation.vehicle.pole.inertia / (p.bob_mass * p.rod_length)
             mass = p.bob_mass * p.rod_length / length

@@ -1,17 +1,12 @@
 """Positions, sizes and colours of what a picture shows."""
 
-from itertools import combinations
-from typing import Any
-
 import numpy as np
-import pygame
 import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_gym import Reference
-from quadpend_gym.viewer import palette, picture
+from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import Camera
-from quadpend_gym.viewer.picture import Picture
 from quadpend_gym.viewer.snapshot import ARM, PAPER_SHAPE
 from tests.helpers.viewer import (
     SIZE,
@@ -70,19 +65,3 @@ def test_the_length_of_an_arrow_is_proportional_to_the_force() -> None:
     for force in (0.2, 0.4):
         green = find_colour(draw_scene(in_wind(force, 0.0, 0.0), FROM_SIDE, BODY), palette.WIND)
         assert_allclose(np.argwhere(green)[:, 1].max() - start, force * PAPER_SHAPE.metres_per_newton * metre, atol=2.0)
-
-
-@pytest.mark.parametrize("size", [SIZE, (320, 480), (160, 120)])
-def test_the_text_is_inside_the_picture_and_does_not_overlap(
-    size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    boxes: dict[str, Any] = {}
-
-    def write(surface: Any, text: str, at: Any, font_size: int, colour: Any, anchor: str = "topleft") -> None:
-        boxes[text] = pygame.font.Font(None, font_size).render(text, True, colour).get_rect(**{anchor: at})
-
-    monkeypatch.setattr(picture, "write", write)
-    Picture().draw(pygame.Surface(size), hovering()._replace(time=1.23, error=0.056), "flatness")
-    assert ({"1.23 s", "56 mm", "flatness"} <= boxes.keys()) == (size[0] >= 320)
-    assert all(pygame.Rect((0, 0), size).contains(box) for box in boxes.values())
-    assert not [pair for pair in combinations(boxes.values(), 2) if pair[0].colliderect(pair[1])]

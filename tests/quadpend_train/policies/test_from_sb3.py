@@ -1,6 +1,5 @@
 """Models of any algorithm and torch modules become policies that act like them, or are refused with a reason."""
 
-import json
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -344,9 +343,3 @@ def test_sequence_of_layers_becomes_an_mlp_policy(squash: Any) -> None:
     assert_acts_like(MlpPolicy(found, {"format": FORMAT, **fields, "hybrid": None}), expected)
     assert_acts_like(FunctionPolicy(lambda rows: module(torch.as_tensor(rows)).detach()), expected)
     assert_refused(lambda: read_layers([nn.LSTM(36, 4)]), "must have linear layers", ValueError)
-
-
-def test_an_object_that_is_no_policy_is_refused() -> None:
-    policy = mlp_policy(36)
-    assert as_policy(policy) is policy
-    assert_refused(lambda: as_policy(json), "is no policy: a policy is an object with predict", ValueError)

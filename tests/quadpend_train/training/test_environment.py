@@ -10,11 +10,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_array_equal
 
 from quadpend_gym.scenarios import find_scenario
-from quadpend_train.envs.concatenated import worlds
-from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings
-from quadpend_train.training.train import imitate, initial_model
 from tests.helpers.policies import mlp_policy
 from tests.helpers.training import BRIEF
 
@@ -53,19 +50,3 @@ def test_policy_observes_in_training_what_it_observes_in_evaluation(mode: Any, s
         action, memory = adapted.predict(observation, memory, started)
         observation, _, terminated, truncated, _ = env.step(action)
         started = terminated | truncated
-
-
-def test_labels_of_a_brief_imitation_are_spread_over_the_episode(monkeypatch: pytest.MonkeyPatch) -> None:
-    times: list[Any] = []
-    base_action = Imitation._base_action
-
-    def record(self: Imitation) -> Any:
-        times.append(np.concatenate([world.clock for world in worlds(self.env.env)]))
-        return base_action(self)
-
-    monkeypatch.setattr(Imitation, "_base_action", record)
-    hybrid = HybridSettings("flatness", imitation_timesteps=16 * 10 * 2)
-    settings = replace(BRIEF, scenarios=("calm", "windy"), max_episode_steps=50, hybrid=hybrid)
-    imitate(initial_model(settings), settings)
-    of_the_second_round = times[50:52]
-    assert_array_equal(np.histogram(of_the_second_round, bins=[0, 10, 20, 30, 40, 50])[0] >= 4, True)

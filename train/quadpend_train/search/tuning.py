@@ -36,7 +36,6 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.nested import changed, flat
 from quadpend_gym.core.settings import suggest
-from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.scenarios import Scenario, find_scenarios, refuse_held_out, scenario_data
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.files import write_text
@@ -119,7 +118,7 @@ class Search:
 
     def _missing_margin(self, policy: Policy) -> float:
         """Return the share of the delay margin that the design lacks in the first scenario's loop at hover."""
-        if (least := LEAST_MARGINS.get(self.name)) is None or not _is_rigid(self.designed):
+        if (least := LEAST_MARGINS.get(self.name)) is None or self.designed.vehicle.attitude != "rigid":
             return 0.0
         from quadpend_baselines.modelling import linear_loop
 
@@ -128,13 +127,9 @@ class Search:
         return max(1.0 - linear_loop.margins(linear_loop.vehicle_model(scenario), linear).delay / least, 0.0)
 
 
-def _is_rigid(simulation: Simulation) -> bool:
-    return isinstance(plant_of(simulation), RigidPlant)
-
-
 def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float]]:
     """Return the ranges for a vehicle, which are in proportion to its gains."""
-    spaces = HUMMINGBIRD_SPACES if _is_rigid(simulation) else SEARCH_SPACES
+    spaces = HUMMINGBIRD_SPACES if simulation.vehicle.attitude == "rigid" else SEARCH_SPACES
     if name not in spaces:
         raise ValueError(
             f"there is no controller {name!r} to tune{suggest(name, spaces)}; there are {', '.join(spaces)}"
