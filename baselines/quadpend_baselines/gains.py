@@ -14,7 +14,7 @@ The command ``quadpend tune`` found the gains, except where ``gains.toml`` says 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import lru_cache
 from importlib import import_module
 from operator import attrgetter
@@ -109,7 +109,8 @@ class Tuning(NamedTuple):
 
 def _with_pole_of(vehicle: Vehicle, other: Vehicle) -> bool:
     """Return whether a vehicle is another one, whatever its pole."""
-    return vehicle.attitude == other.attitude and replace(vehicle, pole=other.pole).is_like(other)
+    names = {item.name for item in fields(Vehicle)} - {"name", "pole"}
+    return all(getattr(vehicle, name) == getattr(other, name) for name in names)
 
 
 # For which simulations the tunings of a group of the file are; those of the first group that has any are taken.
