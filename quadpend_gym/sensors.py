@@ -205,10 +205,8 @@ def hold_sample(measured: Floats, memory: Floats, step: Integers, held: Any, age
 
     The first measurement of an episode is never replaced.
     """
-    first = step == 0
     memory[:, AGE] += ageing
-    memory[first] = measured[first]
-    hold(measured, memory, held)
+    hold(measured, memory, np.where(step > 0, held, False))
 
 
 @SENSORS.add
@@ -315,8 +313,8 @@ class Outliers:
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the error of an outlier whose time has come."""
         time = (step + 0.5) * period
-        hit = time > memory[:, 0]
-        measured[hit, STATE_FIELDS["position"]] += memory[hit, 2:5]
+        hit = (time > memory[:, 0])[:, np.newaxis]
+        measured[:, STATE_FIELDS["position"]] += np.where(hit, memory[:, 2:5], 0.0)
         present_events(memory, time, streams, self._draw_next)
 
 

@@ -100,10 +100,10 @@ FN void choose(const real *queue, const real *arrival, int substep, real *acting
 #ifndef MOTION
 /* Start the next episode of a row. */
 SLOW void begin(i64 n, i64 i, const i64 *seed, i64 *episode, int *clock, real *memory, real *out) {
-  real u[START_DRAWS], m[N_MEMORY], observation[N_OBSERVATION];
+  real u[START_DRAWS], m[N_MEMORY] = {0}, observation[N_OBSERVATION];
   episode[i] += 1;
   clock[i] = 0;
-  start_draws(derive((u64)seed[i], (u64)episode[i]), 0, u);
+  start_draws(derive((u64)seed[i], (u64)episode[i]), 0, m, u);
   start(u, m, observation);
   STORE(memory, m, N_MEMORY);
   STORE(out, observation, N_OBSERVATION);
@@ -122,7 +122,7 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
   EACH_ROW {
     real m[N_MEMORY], u[SOME(ACTUATE_DRAWS)], v[SOME(BLOW_DRAWS)], w[SOME(FINISH_DRAWS)], given[4], late;
     real queue[4 * N_SLOTS], arrival[N_SLOTS], acting[4], force[9], air[3], x[N_X], after[N_X];
-    real act[SOME(N_ACT)], wind[SOME(N_WIND)], sense[SOME(N_SENSE)];
+    real act[SOME(N_ACT)], wind[SOME(N_WIND)], sense[SOME(N_SENSE)], jump[SOME(N_JUMP)];
     real observation[N_OBSERVATION], reward, ended, error[3];
     LOAD(m, memory, N_MEMORY);
     int now = clock[i];
@@ -134,13 +134,13 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
     }
     LOAD(queue, memory + N_QUEUE_AT * n, N_QUEUE);
     LOAD(arrival, memory + N_ARRIVAL_AT * n, N_ARRIVAL);
-    actuate_draws(key, (u64)now, u);
+    actuate_draws(key, (u64)now, m, u);
     actuate(given, m, &time, u, queue + N_QUEUE, &late, act);
 #if N_DRAWN
     arrival[N_SLOTS - 1] = q_max(late, N_ARRIVAL > 0 ? arrival[SOME(N_ARRIVAL) - 1] : late);
 #endif
     for (int c = 0; c < 4; ++c) queue[N_QUEUE + c] = rounded(queue[N_QUEUE + c]);
-    blow_draws(key, (u64)now, v);
+    blow_draws(key, (u64)now, m, v);
     blow(m, &time, v, force, air, wind);
     for (int f = 0; f < N_X; ++f) x[f] = m[f];
     ROLLED
@@ -149,8 +149,8 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
       substep(m, x, acting, force, air, after);
       for (int f = 0; f < N_X; ++f) x[f] = after[f];
     }
-    finish_draws(key, (u64)now, w);
-    finish(x, queue + N_QUEUE, m, &time, w, after, sense, observation, &reward, &ended, error);
+    finish_draws(key, (u64)now, m, w);
+    finish(x, queue + N_QUEUE, m, &time, w, after, sense, jump, observation, &reward, &ended, error);
     int is_late = now + 1 >= limit, is_lost = ended != 0;
     STORE(out + N_OBSERVATION * n, &reward, 1);
     STORE(out + (N_OBSERVATION + 1) * n, error, 3);
@@ -165,6 +165,7 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
       STORE(memory + N_ACT_AT * n, act, N_ACT);
       STORE(memory + N_WIND_AT * n, wind, N_WIND);
       STORE(memory + N_SENSE_AT * n, sense, N_SENSE);
+      STORE(memory + N_JUMP_AT * n, jump, N_JUMP);
       STORE(memory + N_QUEUE_AT * n, queue + 4, N_QUEUE);
       for (int f = 0; f < N_ARRIVAL; ++f) arrival[f] = arrival[f + 1] - N_SUBSTEPS;
       STORE(memory + N_ARRIVAL_AT * n, arrival, N_ARRIVAL);

@@ -9,6 +9,7 @@ under way, the loop over substeps, and the next episode of a row whose episode e
 | x | state, and for rigid vehicles quaternion, body rate and rotor thrusts |
 | act, wind, sense | memories of the actuators, the wind models and the sensors |
 | queue, arrival | actions under way, the oldest first; with a drawn loop also when each acts, in substeps from now |
+| jump | memory of the jumps of the reference, and how far it has jumped |
 | parameters, reference, loop | of the episode; the loop with its latency in substeps, if it is drawn |
 """
 
@@ -22,7 +23,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from quadpend_gym.core import streams
+from quadpend_gym.core import events, streams
 from quadpend_gym.core.delays import delay, hold
 from quadpend_gym.engines.functions import actions_under_way, plant_lanes
 from quadpend_gym.engines.lifting import columns, lift, lift_model, rows, vector
@@ -59,7 +60,7 @@ from quadpend_gym.tasks.observation import (
     observe_target,
     tracking_errors,
 )
-from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_reference
+from quadpend_gym.tasks.references import CHANNELS, REFERENCE_SIZE, draw_reference
 from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
 from quadpend_gym.tasks.trajectories import is_one_term, reference_at
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
@@ -69,17 +70,24 @@ _NOUNS = {"act": "actuator", "wind": "wind", "sense": "sensor"}
 
 
 class _Draws:
-    """The uniform numbers that a function takes; a stream is the tuple of its numbers below that of the episode."""
+    """The uniform numbers that a function takes; a stream is the tuple of its numbers below that of the episode.
 
-    def __init__(self, clock: Any) -> None:
-        self.clock = clock
+    A place in a stream is an integer that follows from the time, or a function of it and of the memory of a row.
+    """
+
+    def __init__(self, clock: Any, memory: Any, period: float) -> None:
+        self.clock, self._memory, self._period = clock, memory, period
         self._found: dict[tuple[tuple[int, ...], int, int], Any] = {}
+        self._places: list[Any] = []  # those that are functions of the memory
         self.replaced: dict[Any, Any] = {
             streams.uniform: self._uniform,
             streams.derive: lambda key, number: (*key, int(number)),
             streams.Streams: lambda keys: lift_model(streams.Streams(keys), self.replaced),
             hold: _hold,
             delay: self._delay,
+            events.first_events: self._first_events,
+            events.next_events: self._next_events,
+            events.present_events: self._present_events,
         }
 
     @property
@@ -92,6 +100,9 @@ class _Draws:
         return lift_model(streams.Streams(keys), self.replaced)
 
     def _uniform(self, key: tuple[int, ...], index: Any) -> Any:
+        if ca.depends_on(ca.SX(index), self._memory):
+            self._places.append(index)
+            return self._found.setdefault((key, 0, -len(self._places)), ca.SX.sym("u"))
         first, second, third = (float(ca.substitute(ca.SX(index), self.clock, k)) for k in (0, 1, 2))
         if third - second != second - first:
             raise ValueError("it draws at times that depend on what it drew before")
@@ -105,15 +116,43 @@ class _Draws:
         else:
             values[:], memory[:] = memory[:, : now.size], np.hstack([memory[:, now.size :], now])
 
+    def _first_events(self, memory_size: int, streams: Any, draw: Any) -> Any:
+        memory = rows([0.0] * (memory_size - 1) + [-1.0])
+        draw(memory, np.full(1, True), streams)
+        return memory
+
+    def _next_events(self, memory: Any, chosen: Any, streams: Any, pause: Any, length: Any, *bounds: Any) -> list[Any]:
+        if pause[0] + length[0] < self._period:
+            raise ValueError("its events can follow each other within a control period")
+        memory[:, -1] += 1.0
+        waited, lasts, *drawn = list(streams.between(memory[:, -1], *zip(pause, length, *bounds, strict=True)).T)
+        memory[:, 0] += memory[:, 1] + waited
+        memory[:, 1] = lasts
+        return drawn
+
+    def _present_events(self, memory: Any, time: Any, streams: Any, draw: Any) -> Any:
+        ended, after = time > memory[:, 0] + memory[:, 1], memory.copy()
+        draw(after, np.full(1, True), streams)
+        for column in range(memory.shape[1]):
+            memory[0, column] = ca.if_else(ended[0], after[0, column], memory[0, column])
+        return time > memory[:, 0]
+
     def as_c(self, name: str) -> str:
         """Return a C function that computes the numbers."""
         keys = sorted({key[:size] for key, _, _ in self._found for size in range(1, len(key) + 1)}, key=len)
         names = {key: f"k{i}" for i, key in enumerate(keys)} | {(): "key"}
-        lines = [f"FN void {name}_draws(u64 key, u64 step, real *u) {{"]
+        lines = [f"FN void {name}_draws(u64 key, u64 step, const real *m, real *u) {{"]
+        text = ""
+        if self._places:
+            given, place = {"m_": self._memory, "clock_": self.clock}, ca.vertcat(*self._places)
+            text = scalar_c(ca.Function(f"{name}_places", [*given.values()], [place], [*given], ["place"]))
+            text = text.replace("static void", "FN void")
+            lines.append(f"real time = (real)step, place[{len(self._places)}]; {name}_places(m, &time, place);")
         lines += [f"u64 {names[key]} = derive({names[key[:-1]]}, {key[-1]});" for key in keys]
         for i, (key, slope, offset) in enumerate(self._found):
-            lines.append(f"u[{i}] = uniform({names[key]}, {slope} * step + {offset});")
-        return "\n  ".join([*lines, "(void)key; (void)step; (void)u;"]) + "\n}\n"
+            number = f"{slope} * step + {offset}" if offset >= 0 else f"(u64)place[{-offset - 1}]"
+            lines.append(f"u[{i}] = uniform({names[key]}, {number});")
+        return text + "\n  ".join([*lines, "(void)key; (void)step; (void)m; (void)u;"]) + "\n}\n"
 
 
 def _hold(values: Any, memory: Any, held: Any) -> None:
@@ -149,8 +188,6 @@ class _Generator:
         for part in ("rotor_lag", "changes"):
             if getattr(scenario.loop, part, None) is not None:
                 raise ValueError(f"device: the generated kernel does not draw loop.{part}: leave it out")
-        if self.task.jumps is not None:
-            raise ValueError("device: the generated kernel does not let references jump: leave task.jumps out")
         if self.task.trajectory is not None and not is_one_term(self.task.trajectory):
             raise ValueError(
                 "device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference without terms"
@@ -168,6 +205,7 @@ class _Generator:
             },
             "queue": ACTION_SIZE * count,
             "arrival": count if self.loop else 0,
+            "jump": self.task.jumps.memory_size + CHANNELS if self.task.jumps else 0,
             "parameters": PARAMETERS_SIZE,
             "reference": REFERENCE_SIZE,
             "loop": LOOP_SIZE + 1 if self.loop else 0,
@@ -175,12 +213,13 @@ class _Generator:
         ends = [0, *accumulate(sizes.values())]
         self.sizes = sizes | {"slots": count + 1, "memory": ends[-1], "observation": scenario.observation.size}
         self.parts = {name: slice(*pair) for name, pair in zip(sizes, pairwise(ends), strict=True)}
-        self._memory: Any = ca.SX.sym("m", ends[-1])
+        self._symbols: Any = ca.SX.sym("m", ends[-1])
+        self._memory = self._symbols
 
     def generate(self) -> ControlStep:
         clock = ca.SX.sym("clock")
-        text, memory = "", self._memory
-        draws = _Draws(clock)
+        text, memory = "", self._symbols
+        draws = self._draws(clock)
         m, observation = self._start(draws)
         text += self._c("start", draws, {}, next_m=m, observation=observation)
         # What is the same number in every episode is a number in the equations.
@@ -192,15 +231,15 @@ class _Generator:
         action, acting, issued = (ca.SX.sym(name, ACTION_SIZE) for name in ("action", "acting", "issued"))
         x, force, air = (ca.SX.sym("x", self.sizes["x"]), ca.SX.sym("force", DISTURBANCE_SIZE), ca.SX.sym("air", 3))
         given = {"m": memory, "clock": clock}
-        draws = _Draws(clock)
+        draws = self._draws(clock)
         text += self._c("actuate", draws, {"action": action, **given}, **self._act(draws, action))
-        draws = _Draws(clock)
+        draws = self._draws(clock)
         text += self._c("blow", draws, given, **self._blow(draws))
         arguments = {"x": x, "acting": acting, "force": force, "air": air}
         m = self._memory
         following = self.substep(x, acting, force, air, m[self.parts["parameters"]], m[self.parts["loop"]])
         text += self._c("substep", None, {"m": memory, **arguments}, next_x=following)
-        draws = _Draws(clock)
+        draws = self._draws(clock)
         text += self._c("finish", draws, {"x": x, "issued": issued, **given}, **self._finish(draws, x, issued))
         if self.loop is None:
             text += f"#ifdef MOTION\n{self._derivatives(arguments)}#endif\n"
@@ -224,6 +263,9 @@ class _Generator:
         function = ca.Function(name, [*names.values()], ca.cse([*dense.values()]), [*names], [*dense])
         text = scalar_c(function).replace("static void", "FN void")
         return text if draws is None else f"#define {name.upper()}_DRAWS {size}\n{text}{draws.as_c(name)}"
+
+    def _draws(self, clock: Any) -> _Draws:
+        return _Draws(clock, self._symbols, self.simulation.period)
 
     def _part(self, name: str) -> Any:
         return self._memory[self.parts[name]]
@@ -283,7 +325,11 @@ class _Generator:
             stream = draws.stream(streams.LOOP_STREAM)
             latency, *factors = lift_model(self.loop, draws.replaced).draw(stream)[0]
             loop = [*lift(loop_numbers)(simulation, *factors), latency]
-        memory = [*x, *act, *wind, *sense, *queue, *parameters, *list(reference[:, 0]), *loop]
+        jump: list[Any] = []
+        if task.jumps is not None:
+            jumps = lift_model(task.jumps, draws.replaced)
+            jump = [*jumps.initial_memory(draws.stream(streams.JUMP_STREAM, 0))[0], *[0.0] * CHANNELS]
+        memory = [*x, *act, *wind, *sense, *queue, *jump, *parameters, *list(reference[:, 0]), *loop]
         return ca.vertcat(*memory), self._observe(measured, parameters, point)
 
     @staticmethod
@@ -358,6 +404,9 @@ class _Generator:
         lanes, parameters = self._lanes(after), self._part("parameters")
         lift(self.plant.kernel.store_axis)(lanes, 0)
         time, reference = simulation.period * (draws.clock + 1), columns(self._part("reference"))
+        jump = self._jump(draws)
+        for channel, offset in enumerate(jump[-CHANNELS:]):
+            reference[channel, 0] += offset
         point = lift(reference_at)(reference, 0, time)
         rod_length = parameters[ROD_LENGTH]
         tracking = lift(tracking_errors)(lanes, 0, rod_length, Target(point.d0, point.d1, point.yaw))
@@ -372,11 +421,22 @@ class _Generator:
         return {
             "x": after,
             "sense": ca.vertcat(*sense),
+            "jump": ca.vertcat(*jump),
             "observation": self._observe(measured, parameters, point),
             "reward": reward,
             "ended": ended,
             "error": vector(tracking.error),
         }
+
+    def _jump(self, draws: _Draws) -> list[Any]:
+        """Return the memory of the jumps for the next control step, and how far the reference has jumped then."""
+        if self.task.jumps is None:
+            return []
+        entries, step = ca.vertsplit(self._part("jump")), self._step(draws.clock + 1)
+        memory, offset = rows(entries[:-CHANNELS]), rows(entries[-CHANNELS:])
+        stream = draws.stream(streams.JUMP_STREAM, 0)
+        lift_model(self.task.jumps, draws.replaced).jump(offset, memory, step, self.simulation.period, stream)
+        return [*memory[0], *offset[0]]
 
     def _derivatives(self, arguments: dict[str, Any]) -> str:
         """Return the parts of a control step and their products with the transposed Jacobians, of any parameters."""

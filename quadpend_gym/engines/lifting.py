@@ -65,6 +65,9 @@ class Rows(np.ndarray):
         """Return the expressions as they are."""
         return self
 
+    def __gt__(self, other: Any) -> Any:
+        return np.greater(self, other, dtype=object)
+
     def __lt__(self, other: Any) -> Any:
         return np.less(self, other, dtype=object)
 

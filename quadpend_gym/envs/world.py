@@ -54,9 +54,8 @@ from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
-from quadpend_gym.tasks.jumps import JumpingRows
 from quadpend_gym.tasks.observation import ALL, FULL
-from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_references
+from quadpend_gym.tasks.references import CHANNELS, POINT_CHANNELS, REFERENCE_SIZE, draw_references
 from quadpend_gym.tasks.starts import draw_starts, start_pole
 from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable, is_one_term
 from quadpend_gym.vehicles import PARAMETER_NAMES
@@ -113,8 +112,9 @@ class World:
         self._reference_ranges = pack(astuple(task.references))
         self._start_settings = pack(astuple(task.start)), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
-        self._jumps = None if task.jumps is None else JumpingRows(task.jumps, num_envs, simulation.period)
-        self._offsets = np.zeros((num_envs, 4))  # of the channels of the references without jumps
+        self._jumps = ModelBatch(() if task.jumps is None else (task.jumps,), num_envs)
+        # Values of the channels (F_x, F_y, z, ψ) without jumps of a `Reference` of one term, and how far they jumped.
+        self._without_jumps, self._jumped = np.zeros((2, CHANNELS, num_envs)).swapaxes(1, 2)
         ranges, actuators = scenario.parameters, scenario.actuators
         self._parameter_ranges = ranges.ranges(simulation.parameters) if isinstance(ranges, Around) else ranges
         self._sensors = ModelBatch(scenario.sensors, num_envs)
@@ -209,9 +209,9 @@ class World:
         self._memory[rows, MEMORY_POLE] = believed[..., [ROD_LENGTH, BOB_MASS]]
         self.schedule.start_episodes(rows, streams)
         self._set_start(rows, options)
-        if self._jumps is not None:
-            self._offsets[rows] = self.reference[rows, : self._offsets.shape[1]]
-            self._jumps.start_episodes(rows, streams.derive(JUMP_STREAM))
+        if self._jumps.models:
+            self._without_jumps[rows], self._jumped[rows] = self.reference[rows, :CHANNELS], 0.0
+            self._jumps.start_episodes(rows, streams.derive(JUMP_STREAM), lambda *_: None)
         if self._wind_models.models:
             self._start_wind(rows, streams.derive(WIND_STREAM))
         if self._actuators.models:
@@ -291,16 +291,17 @@ class World:
         self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, simulation, random))
         return out.astype(np.float32, order="C")
 
-    def _jump(self, jumps: JumpingRows) -> None:
+    def _jump(self) -> None:
         """Let the references jump at which the next step looks."""
-        if (rows := jumps.jump(self.clock + 1)).size:
-            self.reference[rows, : self._offsets.shape[1]] = self._offsets[rows] + jumps.offset[rows]
+        period, step, jumped = self.simulation.period, self.clock + 1, self._jumped
+        self._jumps.apply(lambda model, memory, random: model.jump(jumped, memory, step, period, random))
+        self.reference[:, :CHANNELS] = self._without_jumps + jumped
 
     def _points(self, rows: Any, clock: Integers, later: int = 0) -> Floats:
         """Return the points of the trajectories, see `TrajectoryTable.points`, with the jumps."""
         points = self._trajectories.points(rows, clock, self.simulation.period, later)
-        if self._jumps is not None and points.shape[1]:
-            points[[0, 1, 2, 21]] += self._jumps.offset[rows].T
+        if self._jumps.models and points.shape[1]:
+            points[POINT_CHANNELS] += self._jumped[rows].T
         return points
 
     def observe(self, rows: Integers) -> tuple[Floats32, Floats]:
@@ -352,8 +353,8 @@ class World:
         columns, schedule = self._columns, self.schedule
         if is_drawn := self.scenario.loop is not None:
             schedule.advance(self.clock)
-        if self._jumps is not None:
-            self._jump(self._jumps)
+        if self._jumps.models:
+            self._jump()
         inputs = self._memory, self.clock, columns, action, schedule.loops
         points = self._points(slice(None), self.clock, 1)
         error = self._run(STEP, *inputs, points, self._settings, observation, outcome, 0, self.num_envs)

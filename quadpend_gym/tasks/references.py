@@ -80,6 +80,7 @@ class ReferencePoint(NamedTuple):
 
 
 POINT_SIZE = 24
+POINT_CHANNELS = [0, 1, 2, 21]  # fields of the values of the channels in a buffer of points
 
 
 @inlined

@@ -28,6 +28,25 @@ SCENARIOS = ["windy", "flight_training_late"]
 OWN: dict[str, dict[str, Any]] = {
     "paper, calm": {},
     "paper, drawn loop": {"loop": {"latency": (0.0, 0.03), "jitter": 0.004, "thrust": (0.9, 1.1)}},
+    "events": {
+        "vehicle": "hummingbird",
+        "interface": "body_rates",
+        "observation": "lab",
+        "task": {"jumps": {"distance": [0.1, 0.3], "yaw": [0.1, 0.8], "pause": [0.05, 0.2]}},
+        "parameters": {"share": 0.3, "names": ["rod_length", "bob_mass"]},
+        "pole_told": True,
+        "sensors": [
+            {"kind": "noise", "position": 0.001, "euler": 0.01},
+            {"kind": "bursts", "length": [0.03, 0.06], "pause": [0.05, 0.1]},
+            {"kind": "frozen", "length": [0.02, 0.03], "pause": [0.05, 0.1]},
+            {"kind": "outliers", "pause": [0.05, 0.1]},
+            {"kind": "dropout", "probability": 0.2},
+        ],
+        "wind": [
+            {"kind": "gusts", "velocity": 3.0, "pause": [0.1, 0.2]},
+            {"kind": "ornstein_uhlenbeck", "bob_force": 0.1},
+        ],
+    },
     "actuators and sensors": {
         "actuators": [
             {"kind": "action_delay", "steps": 2},
@@ -46,7 +65,9 @@ OWN: dict[str, dict[str, Any]] = {
 }
 OTHERS = [
     *OWN,
-    *sorted({*SETS["training-flight"], "flight_training_loop_storm", "flight_sinusoids"} - {*SCENARIOS}),
+    *sorted(
+        {*SETS["training-flight"], "flight_training_loop_storm", "flight_sinusoids", "flight_gusts"} - {*SCENARIOS}
+    ),
 ]
 
 
@@ -136,11 +157,11 @@ def test_a_kernel_file_needs_no_casadi(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"scenario": "flight_gusts"}, "cannot step the wind gusts"),
+        ({"wind": {"kind": "paper_gusts"}}, "cannot step the wind paper_gusts"),
         ({"scenario": "flight_waypoints"}, "no waypoints"),
         ({"scenario": "flight_loop", "loop": {"rotor_lag": (0.9, 1.1)}}, "does not draw loop.rotor_lag"),
         ({"loop": {"changes": {"at": (1.0, 2.0), "thrust": (0.8, 0.8)}}}, "does not draw loop.changes"),
-        ({"sensors": {"kind": "dropout"}}, "cannot step the sensor dropout"),
+        ({"sensors": {"kind": "bursts", "length": (0.001, 0.1), "pause": (0.0, 0.1)}}, "cannot step the sensor bursts"),
         ({"autoreset_mode": "NextStep"}, "autoreset_mode must be 'SameStep'"),
         ({"dtype": "float16"}, "dtype must be"),
         ({"num_envs": 0}, "num_envs must be"),
