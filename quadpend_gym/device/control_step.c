@@ -122,7 +122,7 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
   EACH_ROW {
     real m[N_MEMORY], u[SOME(ACTUATE_DRAWS)], v[SOME(BLOW_DRAWS)], w[SOME(FINISH_DRAWS)], given[4], late;
     real queue[4 * N_SLOTS], arrival[N_SLOTS], acting[4], force[9], air[3], x[N_X], after[N_X];
-    real act[SOME(N_ACT)], wind[SOME(N_WIND)], sense[SOME(N_SENSE)], jump[SOME(N_JUMP)];
+    real act[SOME(N_ACT)], wind[SOME(N_WIND)], sense[SOME(N_SENSE)], jump[SOME(N_JUMP)], loop[SOME(N_LOOP)];
     real observation[N_OBSERVATION], reward, ended, error[3];
     LOAD(m, memory, N_MEMORY);
     int now = clock[i];
@@ -135,7 +135,8 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
     LOAD(queue, memory + N_QUEUE_AT * n, N_QUEUE);
     LOAD(arrival, memory + N_ARRIVAL_AT * n, N_ARRIVAL);
     actuate_draws(key, (u64)now, m, u);
-    actuate(given, m, &time, u, queue + N_QUEUE, &late, act);
+    actuate(given, m, &time, u, queue + N_QUEUE, &late, act, loop);
+    for (int f = 0; f < N_LOOP; ++f) m[N_LOOP_AT + f] = loop[f]; /* until the end of this step */
 #if N_DRAWN
     arrival[N_SLOTS - 1] = q_max(late, N_ARRIVAL > 0 ? arrival[SOME(N_ARRIVAL) - 1] : late);
 #endif

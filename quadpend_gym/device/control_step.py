@@ -30,10 +30,10 @@ from quadpend_gym.engines.lifting import columns, lift, lift_model, rows, vector
 from quadpend_gym.engines.scalar_c import scalar_c
 from quadpend_gym.envs import step_kernel
 from quadpend_gym.envs.kernel_layout import make_limits, make_weights
-from quadpend_gym.envs.loops import JITTER_STREAM, Schedule, lateness
+from quadpend_gym.envs.loops import CHANGE_STREAM, JITTER_STREAM, Schedule, lateness
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import load_physics
-from quadpend_gym.physics.plant_kernel import LANE_STATE_SIZE, LOOP_SIZE
+from quadpend_gym.physics.plant_kernel import LANE_STATE_SIZE, LOOP_EFFICIENCY, LOOP_SIZE
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import store_outputs
 from quadpend_gym.physics.rigid_settings import loop_numbers, nominal_loop
@@ -185,9 +185,8 @@ class _Generator:
             raise ValueError(
                 "device: the generated kernel runs no autopilot: leave it out, for the rate loop of the vehicle"
             )
-        for part in ("rotor_lag", "changes"):
-            if getattr(scenario.loop, part, None) is not None:
-                raise ValueError(f"device: the generated kernel does not draw loop.{part}: leave it out")
+        if scenario.loop is not None and scenario.loop.rotor_lag is not None:
+            raise ValueError("device: the generated kernel does not draw loop.rotor_lag: leave it out")
         if self.task.trajectory is not None and not is_one_term(self.task.trajectory):
             raise ValueError(
                 "device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference without terms"
@@ -224,7 +223,8 @@ class _Generator:
         text += self._c("start", draws, {}, next_m=m, observation=observation)
         # What is the same number in every episode is a number in the equations.
         entries = ca.vertsplit(self._memory)
-        for i in range(self.parts["parameters"].start, len(entries)):
+        end = self.parts["loop"].start if self.scenario.loop and self.scenario.loop.changes else len(entries)
+        for i in range(self.parts["parameters"].start, end):
             if m[i].is_constant():
                 entries[i] = m[i]
         self._memory = ca.vertcat(*entries)
@@ -350,12 +350,23 @@ class _Generator:
         """Return the action after the actuators, when it acts, and the memory of the actuators."""
         acted, step = rows(ca.vertsplit(action)), self._step(draws.clock)
         memory = self._apply(draws, "act", lambda model, *own: model.act(acted, own[0], step, self.simulation, own[1]))
-        late: Any = 0.0
+        late, loop = 0.0, self._part("loop")
         if self.loop is not None:
+            loop = self._changed(draws, loop)
             key = (streams.LOOP_STREAM, JITTER_STREAM)
-            latency = self._part("loop")[LOOP_SIZE]
+            latency = loop[LOOP_SIZE]
             late = lift(lateness, draws.replaced)(key, draws.clock, latency, self.loop.jitter)
-        return {"acted": vector(acted), "late": late, "act": ca.vertcat(*memory)}
+        return {"acted": vector(acted), "late": late, "act": ca.vertcat(*memory), "loop": loop}
+
+    def _changed(self, draws: _Draws, loop: Any) -> Any:
+        """Return the loop of the present control step, after the change within the episode if there is one."""
+        if self.scenario.loop is None or self.scenario.loop.changes is None:
+            return loop
+        before, stream = ca.vertsplit(loop), draws.stream(streams.LOOP_STREAM, CHANGE_STREAM)
+        given = rows([before[LOOP_SIZE]])[0], rows([before[LOOP_EFFICIENCY]])[0]
+        step, latency, _, efficiency = lift_model(self.loop, draws.replaced).draw_change(*given, stream)
+        after = [*before[:LOOP_EFFICIENCY], *efficiency[0], *before[LOOP_EFFICIENCY + ACTION_SIZE : LOOP_SIZE]]
+        return ca.if_else(draws.clock >= step[0], ca.vertcat(*after, latency[0]), loop)
 
     def _blow(self, draws: _Draws) -> dict[str, Any]:
         """Return forces and torque with drag, the velocity of the air, and the memory of the wind."""

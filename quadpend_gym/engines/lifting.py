@@ -112,6 +112,7 @@ _NUMPY = _Numpy(
     **{name: _each(getattr(ca, name)) for name in ("exp", "expm1", "floor", "sin", "cos")},
     **{"sqrt": _each(_sqrt), "where": _each(_select), "minimum": _each(ca.fmin), "maximum": _each(ca.fmax)},
     rint=_each(lambda x: ca.floor(x + 0.5)),
+    ceil=_each(lambda x: -ca.floor(-x)),
     clip=_each(lambda x, low, high: ca.fmin(ca.fmax(x, low), high)),
     **dict.fromkeys(("float32", "float64", "ascontiguousarray", "asfortranarray"), _same),
     asarray=np.asanyarray,  # keeps `Rows`

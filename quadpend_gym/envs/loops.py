@@ -79,23 +79,33 @@ class Schedule:
         self.ages[:, rows] = self._ages(latency)
         self._latency[rows], self._acting[rows] = latency, -1
         self._keys[rows] = own.derive(JITTER_STREAM).keys
-        if self._changes:
-            self._draw_change(self._changes, rows, own.derive(CHANGE_STREAM))
+        if self._changes is not None:
+            self._draw_change(rows, own.derive(CHANGE_STREAM))
 
-    def _draw_change(self, changes: LoopChanges, rows: Integers, streams: Streams) -> None:
+    def _draw_change(self, rows: Integers, streams: Streams) -> None:
         """Draw the changes of new episodes, whose constants are drawn, each from its own number."""
-        bounds = (changes.at, *((pair or (1.0, 1.0)) for pair in (changes.latency, changes.thrust, changes.rotors)))
-        at, latency, thrust, share, rotor = streams.between(0, *zip(*bounds, (0.0, ACTION_SIZE), strict=True)).T
-        drawn, period = self.drawn[:, rows], self._simulation.period
-        if changes.latency:
-            drawn[_LATENCY] = self._in_substeps(latency) * period / self._simulation.substeps
-        if changes.thrust:
-            drawn[_THRUST] = thrust
-        efficiency = np.tile(drawn[_THRUST], (ACTION_SIZE, 1))
-        efficiency[rotor.astype(np.int64), np.arange(rows.size)] *= share
-        self._changed[:, rows] = [*drawn, *efficiency]
-        self._change_step[rows] = np.ceil(at / period * (1.0 - 1e-9))
+        drawn, simulation = self.drawn[:, rows], self._simulation
+        step, latency, thrust, efficiency = self.draw_change(self._latency[rows], drawn[_THRUST], streams)
+        drawn[_LATENCY], drawn[_THRUST] = latency * simulation.period / simulation.substeps, thrust
+        self._changed[:, rows] = [*drawn, *efficiency.T]
+        self._change_step[rows] = step
         self._change(rows[self._change_step[rows] == 0])
+
+    def draw_change(self, latency: Any, thrust: Any, streams: Streams) -> tuple[Any, Any, Any, Any]:
+        """Return the control steps of the changes, shape (n,), and the loops from then on.
+
+        They are the latency (substeps) and the thrust, shape (n,) as before, and the efficiency of each rotor, (n, 4).
+        """
+        changes: Any = self._changes
+        bounds = (changes.at, *((pair or (1.0, 1.0)) for pair in (changes.latency, changes.thrust, changes.rotors)))
+        numbers = streams.between(0, *zip(*bounds, (0.0, ACTION_SIZE), strict=True))
+        at, later, factor, share, rotor = (numbers[:, column] for column in range(len(bounds) + 1))
+        latency = self._in_substeps(later) if changes.latency else latency
+        thrust = factor if changes.thrust else thrust
+        behind = rotor[:, np.newaxis] - np.arange(ACTION_SIZE)  # in [0, 1) for the rotor that changes
+        own = np.where(behind >= 0.0, np.where(behind < 1.0, share[:, np.newaxis], 1.0), 1.0)
+        step = np.ceil(at / self._simulation.period * (1.0 - 1e-9))
+        return step, latency, thrust, thrust[:, np.newaxis] * own
 
     def _change(self, rows: Integers) -> None:
         self.drawn[:, rows], self.loops[_EFFICIENCY, rows] = np.split(self._changed[:, rows], 2)

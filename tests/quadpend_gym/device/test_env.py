@@ -35,6 +35,10 @@ OWN: dict[str, dict[str, Any]] = {
         "task": {"jumps": {"distance": [0.1, 0.3], "yaw": [0.1, 0.8], "pause": [0.05, 0.2]}},
         "parameters": {"share": 0.3, "names": ["rod_length", "bob_mass"]},
         "pole_told": True,
+        "loop": {
+            "jitter": 0.003,
+            "changes": {"at": [0.1, 0.3], "thrust": [0.7, 0.9], "rotors": [0.5, 0.9], "latency": [0, 0.03]},
+        },
         "sensors": [
             {"kind": "noise", "position": 0.001, "euler": 0.01},
             {"kind": "bursts", "length": [0.03, 0.06], "pause": [0.05, 0.1]},
@@ -157,10 +161,8 @@ def test_a_kernel_file_needs_no_casadi(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"wind": {"kind": "paper_gusts"}}, "cannot step the wind paper_gusts"),
         ({"scenario": "flight_waypoints"}, "no waypoints"),
         ({"scenario": "flight_loop", "loop": {"rotor_lag": (0.9, 1.1)}}, "does not draw loop.rotor_lag"),
-        ({"loop": {"changes": {"at": (1.0, 2.0), "thrust": (0.8, 0.8)}}}, "does not draw loop.changes"),
         ({"sensors": {"kind": "bursts", "length": (0.001, 0.1), "pause": (0.0, 0.1)}}, "cannot step the sensor bursts"),
         ({"autoreset_mode": "NextStep"}, "autoreset_mode must be 'SameStep'"),
         ({"dtype": "float16"}, "dtype must be"),
