@@ -24,20 +24,23 @@ DELAYS = {
     "quadpend_gym/actuators.py": "model: whole steps of an action",
     # Read from these:
     "quadpend_gym/engines/functions.py": "the number of actions under way in the schedule",
-    "quadpend_gym/vehicles/simulation.py": "the latency in substeps",
-    "baselines/quadpend_baselines/estimation/prediction.py": "the latency of the schedule, as the observer knows it",
+    "baselines/quadpend_baselines/estimation/prediction.py": "calls that of `loop.py` for n rows",
     "quadpend_gym/device/control_step.py": "`delay` in CasADi, for C and CUDA",
     "train/quadpend_train/training/flight.py": "the last states under the known delay of the sensors",
+    "train/quadpend_train/cli/flight_logs.py": "the delay between motors and motion of a log",
+    "train/quadpend_train/flight_logs/replay.py": "the delay between motors and motion of a log",
     # Exceptions:
+    "baselines/quadpend_baselines/estimation/loop.py": "actions under way and actuators, as the observer follows them",
+    "quadpend_gym/wrappers.py": "a history of observations, no delay",
     "baselines/quadpend_baselines/modelling/linear_loop.py": "a shift register, as a linear system needs it",
 }
 JACOBIANS = {
     "baselines/quadpend_baselines/modelling/linear_model.py": "central differences of a function of rows",
     # Exceptions:
-    "baselines/quadpend_baselines/modelling/linear_loop.py": "calls it; differences of a policy with memory, in steps",
-    "baselines/quadpend_baselines/planning/transcription.py": "CasADi's, for a solver of CasADi",
+    "baselines/quadpend_baselines/modelling/linear_loop.py": "of a policy with memory, over several steps",
+    "baselines/quadpend_baselines/planning/transcription.py": "a velocity from positions, with respect to time",
     "quadpend_gym/device/control_step.py": "CasADi's gradient of one substep, as C and CUDA",
-    "quadpend_gym/tasks/feasibility.py": "derivatives with respect to time",
+    "quadpend_gym/tasks/feasibility.py": "with respect to time",
     "train/quadpend_train/flight_logs/identify.py": "of a fit with respect to the quantities of a vehicle",
 }
 # Comparisons of the settings of a rigid vehicle with None: the paper's vehicle has none, and numba compiles laws and
@@ -83,17 +86,22 @@ def called(node: ast.AST) -> str:
 
 
 def delays(node: ast.AST) -> bool:
-    is_definition = isinstance(node, ast.FunctionDef | ast.ClassDef)
-    return is_definition and bool(
-        re.search("delay|latency|queue|_register|under_way|acting|^Schedule", node.name, re.I)
-    )
+    """Whether a node is a delay by its name, has a delay as an argument, or moves the elements of an array."""
+    if isinstance(node, ast.FunctionDef) and "delay" in {item.arg for item in node.args.args}:
+        return True
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        return bool(re.search("^_?delay(ed)?$|Delay$|^Schedule$|queue|register|under_way|acting", node.name))
+    if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript):
+        moved = isinstance(node.value, ast.Subscript) and node.value.value
+        return bool(moved) and ast.unparse(moved) == ast.unparse(node.targets[0].value)
+    return False
 
 
 def linearises(node: ast.AST) -> bool:
     """Whether a node is an own Jacobian, one of a library, or a difference quotient."""
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
-        is_difference = isinstance(node.left, ast.BinOp) and isinstance(node.left.op, ast.Sub)
-        return is_difference and re.search("_step|epsilon", ast.unparse(node.right), re.I) is not None
+        is_difference = any(isinstance(item, ast.Sub) for item in ast.walk(node.left))
+        return is_difference and re.search("_step|step_size|epsilon", ast.unparse(node.right), re.I) is not None
     if isinstance(node, ast.FunctionDef):
         return re.search("jacobian|linearis", node.name) is not None and not calls_jacobian(node)
     is_library = isinstance(node, ast.Call) and ast.unparse(node.func).startswith(("ca.", "casadi.", "np.", "torch."))
