@@ -29,7 +29,7 @@ from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES
-from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, WIND_SIZE, as_wind
+from quadpend_gym.wind import KINDS, PRESETS, SAMPLE_SIZE, WIND_FIELDS, as_wind
 from quadpend_train.common.files import atomic
 from quadpend_train.reports.figures import COLOURS
 
@@ -97,8 +97,8 @@ def _find(name: str) -> tuple[str, tuple[Any, ...]]:
 
 
 def _time_series(models: tuple[Any, ...], steps: int, seed: int) -> Floats:
-    """Return the wind in the first episodes of environments with the seeds from `seed`, (steps, _EPISODES, 12)."""
-    batch, out = ModelBatch(models, _EPISODES), np.zeros((steps, WIND_SIZE, _EPISODES)).swapaxes(1, 2)
+    """Return the wind in the first episodes of environments with the seeds from `seed`, (steps, _EPISODES, 16)."""
+    batch, out = ModelBatch(models, _EPISODES), np.zeros((steps, SAMPLE_SIZE, _EPISODES)).swapaxes(1, 2)
     streams = Streams.from_seeds([*range(seed, seed + _EPISODES)]).derive(0).derive(WIND_STREAM)
     for step, values in enumerate(out):
         clock = np.full(_EPISODES, step)

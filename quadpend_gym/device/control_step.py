@@ -65,6 +65,7 @@ from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
 from quadpend_gym.tasks.trajectories import is_one_term, reference_at
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
+from quadpend_gym.wind.base import can_hold
 
 _NOUNS = {"act": "actuator", "wind": "wind", "sense": "sensor"}
 
@@ -191,6 +192,8 @@ class _Generator:
             raise ValueError(
                 "device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference without terms"
             )
+        if can_hold(scenario.wind_models):
+            raise ValueError("device: the generated kernel has no wind 'hold': leave it out")
         self.plant = plant_of(self.simulation)
         self.loop = None if scenario.loop is None else Schedule(scenario.loop, self.simulation, 1)
         self.moves_air = any(model.moves_air for model in scenario.wind_models)
@@ -391,7 +394,7 @@ class _Generator:
         loops = columns(numbers[:LOOP_SIZE], LOOP_SIZE + 1)
         loops[LOOP_SIZE, 0] = 0.0  # the action acts that is issued
         lanes, plant = self._lanes(x), self.plant
-        flying = lanes, columns(acting), loops, disturbance, columns(air), physics, plant.settings()
+        flying = lanes, columns(acting), loops, disturbance, columns(air), columns([], 4), physics, plant.settings()
         nothing = dict.fromkeys((add_drag, store_outputs), lambda *_: None)  # once in a control period
         lift(plant.kernel.integrate, nothing)(*flying, 1, h, 1, columns([], COMMAND_SIZE))
         own = lanes[LANE_STATE_SIZE : LANE_STATE_SIZE + plant.memory_size]

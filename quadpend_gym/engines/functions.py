@@ -13,6 +13,7 @@ by ``function.factory``, for example the Jacobian of the next state with respect
 | wind | 12 | d_Q, d_B (N), d_τ (N·m), air velocity (m/s), `quadpend_gym.wind`; constant during a control period |
 | parameters | 9 | `Parameters.as_array` |
 | loop | 10 + s | of an episode with a drawn loop, see `Schedule.loops` |
+| hand | 4 | of a wind with a hand, `quadpend_gym.wind` |
 | point | 24 | derivatives of order 0 to 6 of (F_x, F_y, z), and of order 0 to 2 of ψ; `ReferencePoint` |
 """
 
@@ -53,7 +54,7 @@ from quadpend_gym.tasks.task import Task
 from quadpend_gym.tasks.trajectories import reference_at
 from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
-from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
+from quadpend_gym.wind import HAND, WIND_FIELDS, WIND_SIZE
 
 
 def actions_under_way(simulation: Simulation, ranges: LoopRanges | None = None) -> int:
@@ -82,7 +83,9 @@ def plant_lanes(simulation: Simulation, state: Any, memory: Any) -> Any:
 
 
 @lru_cache(maxsize=32)
-def step_function(simulation: Simulation, moves_air: bool = False, ranges: LoopRanges | None = None) -> Any:
+def step_function(
+    simulation: Simulation, moves_air: bool = False, ranges: LoopRanges | None = None, holds: bool = False
+) -> Any:
     """Return the control step, (state, memory, action, wind, parameters) → (next_state, next_memory).
 
     The memory of rigid vehicles begins with quaternion, body rate and rotor thrusts (`rigid_kernel`), 11 numbers; that
@@ -93,6 +96,7 @@ def step_function(simulation: Simulation, moves_air: bool = False, ranges: LoopR
         moves_air: Whether the wind can have a velocity. If not, the paper's vehicle has no drag, as in the environment;
             rigid vehicles always have drag.
         ranges: Those of the loop of a rigid vehicle, if it is drawn; the function then has a sixth argument, the loop.
+        holds: Whether a hand can hold the pole of a rigid vehicle; the function then has a last argument, the hand.
     """
     plant, schedule = plant_of(simulation), Schedule(ranges, simulation, 1)
     size, period, substeps = plant.memory_size, simulation.period, simulation.substeps
@@ -103,11 +107,16 @@ def step_function(simulation: Simulation, moves_air: bool = False, ranges: LoopR
     if ranges is not None:
         x |= _symbols(loop=LOOP_SIZE + substeps)
         loops, replaced = columns(x["loop"]), {acts_later: lambda *_: True}
+    hand = columns([], HAND.stop - HAND.start)
+    if holds:
+        x |= _symbols(hand=len(hand))
+        hand = columns(x["hand"])
     issued, command = columns(ca.vertcat(x["memory"][size:], x["action"])), columns([], COMMAND_SIZE)
     disturbance, air = columns(x["wind"][:DISTURBANCE_SIZE]), columns(x["wind"][WIND_FIELDS["velocity"]])
     lanes, settings = plant_lanes(simulation, x["state"], x["memory"][:size]), plant.settings(moves_air)
-    flying = lanes, issued, loops, disturbance, air, columns(x["parameters"]), settings, 1, period, substeps, command
-    lift(plant.kernel.integrate, replaced)(*flying)
+    flying = lanes, issued, loops, disturbance, air, hand, columns(x["parameters"]), settings
+    kernel = plant.held_kernel if holds else plant.kernel
+    lift(kernel.integrate, replaced)(*flying, 1, period, substeps, command)
     next_memory = ca.vertcat(vector(lanes[LANE_STATE_SIZE : LANE_STATE_SIZE + size]), *issued[ACTION_SIZE:, 0])
     return _function("step", x, next_state=vector(lanes[:STATE_SIZE]), next_memory=next_memory)
 

@@ -18,7 +18,7 @@ from quadpend_gym.core.streams import Streams
 from quadpend_gym.envs.inputs import NO_ERROR
 from quadpend_gym.envs.kernel_layout import MEMORY_SIZE
 from quadpend_gym.envs.loops import Schedule
-from quadpend_gym.envs.step_kernel import ADVANCE, run_rigid
+from quadpend_gym.envs.step_kernel import ADVANCE
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE
 from quadpend_gym.physics.state import ACTION_SIZE
@@ -70,8 +70,13 @@ class AutopilotRows:
         self._schedule.advance(step)
         self.loops[:LOOP_SIZE] = self._schedule.loops[:LOOP_SIZE]
 
-    def run(self, stages: int, memory: Floats, clock: Integers, columns: Floats, action: Any, *arguments: Any) -> int:
-        """As `step_kernel.run_rigid`, for all sub-environments; the settings are those of `plant_simulation`."""
+    def run(
+        self, kernel: Any, stages: int, memory: Floats, clock: Integers, columns: Floats, action: Any, *arguments: Any
+    ) -> int:
+        """As `kernel`, for all sub-environments: `step_kernel.run_rigid` or `run_held`.
+
+        The settings are those of `plant_simulation`.
+        """
         self._issued[:-1], self._issued[-1] = self._issued[1:], action.T
         for number, ages in enumerate(self._schedule.ages):
             place = np.broadcast_to(len(self._issued) - 1 - ages.astype(np.int64), len(action))
@@ -81,7 +86,7 @@ class AutopilotRows:
             self._firmware.send(memory[:, _RATES], channels)
             memory[:, _ROTORS] = self._rotor_actions()
             stage, time = stages if number == self.steps - 1 else ADVANCE, clock * self.steps + number
-            error = run_rigid(stage, memory, time, columns, action, *arguments)
+            error: int = kernel(stage, memory, time, columns, action, *arguments)
             self._motors[:] = self._firmware.receive()[:, :ACTION_SIZE]
             if error != NO_ERROR:
                 return error

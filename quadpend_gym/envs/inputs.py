@@ -40,7 +40,7 @@ def check_action(action: Any, shape: tuple[int, ...]) -> Floats32:
 
 
 def raise_step_error(code: int, action: Floats32, wind: Floats, action_name: str) -> None:
-    """Raise ValueError for an error code; actions have the shape (n, 4), the wind (n, 12)."""
+    """Raise ValueError for an error code; actions have the shape (n, 4), the wind (n, 12) or (n, 16)."""
     if code < NO_ERROR:
         row = -2 - code
         raise ValueError(f"wind must be finite numbers below 1e20, not {wind[row].tolist()} in sub-environment {row}")
@@ -55,7 +55,7 @@ def raise_step_error(code: int, action: Floats32, wind: Floats, action_name: str
 def find_error(action: Any, wind: Any) -> int:
     """Return the error code of the first action that is not in [−1, 1], else of the first wind that is too large.
 
-    Actions have the shape (n, 4), and the wind has the shape (12, n).
+    Actions have the shape (n, 4), and the wind has the shape (12, n) or (16, n).
     """
     wrong = False
     for row in range(action.shape[0]):

@@ -12,7 +12,7 @@ The outcome has one column for each sub-environment. Vectors are in the world fr
 | TILT           | α               | 7     | rad    | angle of the pendulum from its side, by default from upright    |
 | REWARD         |                 | 8     | 1      | weighted mean of the terms                                      |
 | TERMINATED     |                 | 9     | 1      | cause of an early end, a place in `CAUSES`, else 0              |
-| DISTURBANCE    | d_Q, d_B, d_τ   | 10–18 | N, N·m | forces and torque during the step, drag included                |
+| DISTURBANCE    | d_Q, d_B, d_τ   | 10–18 | N, N·m | forces and torque in the step, drag and mean of hand included   |
 | AIR_VELOCITY   | v               | 19–21 | m/s    | velocity of the air                                             |
 | PARAMETERS     |                 | 22–30 | SI     | physical parameters, in the order of `Parameters`               |
 | COMMAND        | u, τφ, τθ, τψ   | 31–34 | N, N·m | mean thrust and torques during the step                         |

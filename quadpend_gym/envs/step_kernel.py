@@ -39,7 +39,7 @@ from quadpend_gym.physics.plant_kernel import (
     gather,
     scatter,
 )
-from quadpend_gym.physics.rigid_kernel import RIGID_KERNEL
+from quadpend_gym.physics.rigid_kernel import HELD_KERNEL, RIGID_KERNEL
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, POSITION, STATE_SIZE
 from quadpend_gym.physics.vectors import Vec3, load, norm, store, store_four
 from quadpend_gym.tasks.observation import (
@@ -61,7 +61,7 @@ from quadpend_gym.tasks.references import REFERENCE_SIZE, ReferencePoint, load_p
 from quadpend_gym.tasks.rewards import reward, reward_terms
 from quadpend_gym.tasks.trajectories import reference_at
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
-from quadpend_gym.wind import WIND_SIZE
+from quadpend_gym.wind import HAND, SAMPLE_SIZE, WIND_SIZE
 
 # Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and what the
 # vehicle has besides, the action, the reference, the time, and whether the state has diverged.
@@ -161,7 +161,7 @@ def _run(
     end: int,
 ) -> int:
     """Do stages of a control step, as `run_euler` describes; `vehicle` are the settings of `plant.integrate`."""
-    wind, sensed = columns[:WIND_SIZE], columns[WIND_SIZE:]
+    wind, sensed = columns[:WIND_SIZE], columns[SAMPLE_SIZE:]
     begin = max(begin, 0)  # tells the compiler that indices of sub-environments are not negative
     error = find_error(action[begin:end], wind[:, begin:end])
     if error != NO_ERROR:
@@ -200,6 +200,7 @@ def _run(
                 loop_lanes,
                 disturbance_lanes,
                 velocity_lanes,
+                columns[HAND, first:],
                 physics_lanes,
                 vehicle,
                 lanes,
@@ -288,7 +289,7 @@ def run_euler(
         memory: State, parameters, reference, what the vehicle has besides, and actions under way of each
             sub-environment, shape (n, k), see `kernel_layout`; changed in place.
         clock: Control steps since each episode began, shape (n,), changed in place.
-        columns: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (12, n). With sensors 27
+        columns: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (16, n). With sensors 27
             further rows, an output but for the age of the samples in the last one: `observe_sensed` then writes the
             state's part of the observation, once the sensors have changed the state in these rows.
         action: Shape (n, 4), each component in [−1, 1]; the reward counts it, even where it acts later.
@@ -329,16 +330,37 @@ def run_rigid(
     return int(_run(RIGID_KERNEL, stages, *inputs, task, vehicle, observation, outcome, begin, end))
 
 
-KERNELS: dict[PlantKernel, Any] = {EULER_KERNEL: run_euler, RIGID_KERNEL: run_rigid}
+@compiled
+def run_held(
+    stages: int,
+    memory: Floats,
+    clock: Integers,
+    columns: Floats,
+    action: Floats32,
+    loops: Floats,
+    points: Floats,
+    settings: Floats,
+    observation: Floats32,
+    outcome: Floats,
+    begin: int,
+    end: int,
+) -> int:
+    """As `run_rigid`, for vehicles whose poles a hand can hold."""
+    task, vehicle = layout.unpack_rigid(settings)
+    inputs = memory, clock, columns, action, loops, points
+    return int(_run(HELD_KERNEL, stages, *inputs, task, vehicle, observation, outcome, begin, end))
+
+
+KERNELS: dict[PlantKernel, Any] = {EULER_KERNEL: run_euler, RIGID_KERNEL: run_rigid, HELD_KERNEL: run_held}
 
 
 @compiled
 def observe_sensed(columns: Floats, observation: Floats32) -> None:
     """Write the part of the observation, shape (n, m), that depends on the state, from the sensed state.
 
-    `columns` is the array that a step has written and the sensors have changed, shape (39, n).
+    `columns` is the array that a step has written and the sensors have changed, shape (43, n).
     """
-    sensed = columns[WIND_SIZE:]
+    sensed = columns[SAMPLE_SIZE:]
     state, lanes = sensed[layout.SENSED_STATE], np.empty((_OBSERVED, BLOCK), np.float32)
     for first in range(0, sensed.shape[1], BLOCK):
         size = min(BLOCK, sensed.shape[1] - first)

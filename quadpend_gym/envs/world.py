@@ -48,7 +48,7 @@ from quadpend_gym.envs.kernel_layout import (
 from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.envs.outcome import LOOP, StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.step_kernel import KERNELS, MEASURE, STEP, observe_sensed, run_rigid
+from quadpend_gym.envs.step_kernel import KERNELS, MEASURE, STEP, observe_sensed
 from quadpend_gym.envs.threads import run_in_threads
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, State
@@ -60,10 +60,11 @@ from quadpend_gym.tasks.starts import draw_starts, start_pole
 from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable, is_one_term
 from quadpend_gym.vehicles import PARAMETER_NAMES
 from quadpend_gym.vehicles.parameters import BOB_MASS, ROD_LENGTH
-from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
+from quadpend_gym.wind import HAND, SAMPLE_SIZE, WIND_FIELDS, WIND_SIZE
+from quadpend_gym.wind.base import can_hold
 
 # Rows of `World._columns`: the sensed state, and what sensors change of it, with the age of the sample.
-_SENSED_STATE = slice(WIND_SIZE + SENSED_STATE.start, WIND_SIZE + SENSED_STATE.stop)
+_SENSED_STATE = slice(SAMPLE_SIZE + SENSED_STATE.start, SAMPLE_SIZE + SENSED_STATE.stop)
 _SAMPLE = slice(_SENSED_STATE.start, _SENSED_STATE.stop + 1)
 
 
@@ -94,13 +95,10 @@ class World:
         if scenario.autopilot is None:
             self.schedule: Schedule | AutopilotRows = Schedule(scenario.loop, simulation, num_envs)
             self._plant = plant_of(simulation)
-            self._kernel: Any = KERNELS[self._plant.kernel]
             self._plant_steps = 1  # of the kernel in a control period
-            self._run: Any = self._kernel if num_threads == 1 else partial(run_in_threads, num_threads, self._kernel)
         else:
             self.schedule = autopilot = AutopilotRows(scenario.autopilot, scenario.loop, simulation, num_envs)
-            self._plant, self._kernel, self._run = plant_of(autopilot.plant_simulation), run_rigid, autopilot.run
-            self._plant_steps = autopilot.steps
+            self._plant, self._plant_steps = plant_of(autopilot.plant_simulation), autopilot.steps
         under_way = ACTION_SIZE * (self.schedule.slots - 1)
         self._memory = np.zeros((num_envs, MEMORY_SIZE + self._plant.memory_size + under_way))
         self.parameters[:] = simulation.parameters.as_array()
@@ -158,8 +156,13 @@ class World:
 
     @property
     def wind(self) -> Floats:
-        """View of the wind over the next control period, shape (n, 12), see `quadpend_gym.wind`."""
+        """View of the wind over the next control period without hands, shape (n, 12), see `quadpend_gym.wind`."""
         return self._columns[:WIND_SIZE].T
+
+    @property
+    def _sampled(self) -> Floats:
+        """View of the wind over the next control period, shape (n, 12), or (n, 16) if there can be hands."""
+        return self._columns[: self._sample_size].T
 
     @property
     def measured(self) -> Floats:
@@ -170,7 +173,13 @@ class World:
         """Add wind models after the existing ones. Every sub-environment must then start a new episode."""
         self._wind_models = ModelBatch((*self._wind_models.models, *models), self.num_envs)
         all_models: tuple[Any, ...] = self._wind_models.models
-        self._moves_air = any(model.moves_air for model in all_models)
+        self._moves_air, self._holds = any(model.moves_air for model in all_models), can_hold(all_models)
+        self._sample_size = SAMPLE_SIZE if self._holds else WIND_SIZE
+        self._kernel: Any = KERNELS[self._plant.held_kernel if self._holds else self._plant.kernel]
+        threads, kernel = self._num_threads, self._kernel
+        self._run: Any = kernel if threads == 1 else partial(run_in_threads, threads, kernel)
+        if isinstance(self.schedule, AutopilotRows):
+            self._run = partial(self.schedule.run, kernel)
         self._require_reset()
 
     def _require_reset(self) -> None:
@@ -178,10 +187,10 @@ class World:
         self._settings = pack_settings(self.task, self._plant, self._moves_air, bool(self._sensors.models))
         self._needs_reset = np.ones(self.num_envs, np.bool_)
         self._can_step = False
-        self._columns_size = WIND_SIZE + (SENSED_SIZE if self._sensors.models else 0)
+        self._columns_size = SAMPLE_SIZE + (SENSED_SIZE if self._sensors.models else 0)
         self._columns = np.zeros((self._columns_size, self.num_envs))  # wind and sensed values of the kernel
         self._checks_first = bool(self._actuators.models or self.scenario.loop or self.scenario.autopilot)
-        self._checks_first |= self._num_threads > 1
+        self._checks_first |= self._num_threads > 1 or self._holds
         drawn = self._parameter_ranges is not None, self.scenario.loop is not None
         self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), *drawn)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
@@ -258,16 +267,18 @@ class World:
             self._memory[:, MEMORY_TRAJECTORY] = self._trajectories.first
 
     def _start_wind(self, rows: Integers, streams: Streams) -> None:
-        period, step, wind = self.simulation.period, self.clock[rows], np.zeros((WIND_SIZE, rows.size)).T
+        period, step, wind = self.simulation.period, self.clock[rows], np.zeros((SAMPLE_SIZE, rows.size)).T
         self._wind_models.start_episodes(
             rows, streams, lambda model, memory, random: model.sample(wind, memory, step, period, random)
         )
         if not self._moves_air and wind[:, WIND_FIELDS["velocity"]].any():
             raise ValueError("a wind model whose moves_air is False must not give an air velocity")
-        self.wind[rows] = wind
+        if not self._holds and wind[:, HAND].any():
+            raise ValueError("a wind model without a true attribute `holds` must not give a hand")
+        self._sampled[rows] = wind[:, : self._sample_size]
 
     def _sample_wind(self) -> None:
-        period, wind = self.simulation.period, self.wind
+        period, wind = self.simulation.period, self._sampled
         wind[:] = 0.0
         self._wind_models.apply(lambda model, memory, random: model.sample(wind, memory, self.clock, period, random))
 
@@ -282,7 +293,7 @@ class World:
     def _sense(self) -> None:
         """Let the sensors change the states that the kernel wrote, and their ages."""
         period, measured = self.simulation.period, self._columns[_SAMPLE].T
-        self._columns[WIND_SIZE + SENSED_AGE] = 0.0
+        self._columns[SAMPLE_SIZE + SENSED_AGE] = 0.0
         self._sensors.apply(lambda model, memory, random: model.sense(measured, memory, self.clock, period, random))
 
     def _actuate(self, action: Floats32) -> Floats32:
@@ -345,7 +356,7 @@ class World:
             raise ResetNeeded(f"{where}call reset before step")
         observation, outcome = np.empty(*self._observation_like), np.empty(self._outcome_shape)
         if self._checks_first:
-            error = find_error(action, self._columns[:WIND_SIZE])
+            error = find_error(action, self._sampled.T)
             if error != NO_ERROR:
                 return self._step_clipped(error, action)
             if self._actuators.models:
@@ -360,7 +371,7 @@ class World:
         error = self._run(STEP, *inputs, points, self._settings, observation, outcome, 0, self.num_envs)
         if error != NO_ERROR:
             if self._actuators.models:
-                raise_step_error(error, action, self.wind, "action after the actuators")
+                raise_step_error(error, action, self._sampled, "action after the actuators")
             return self._step_clipped(error, action)
         if is_drawn:
             outcome[LOOP, : self.num_envs] = schedule.drawn
@@ -375,7 +386,7 @@ class World:
         """Repeat a refused step with the action clipped if the action exceeds ±1 by rounding only; else raise."""
         clipped = clip_rounding(action)
         if clipped is action:
-            raise_step_error(error, action, self.wind, "action")
+            raise_step_error(error, action, self._sampled, "action")
         return self.step(clipped)
 
 

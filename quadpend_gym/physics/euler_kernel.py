@@ -144,6 +144,7 @@ def integrate_euler(
     loops: Any,
     disturbance: Any,
     velocity: Any,
+    hand: Any,
     physics: Any,
     settings: EulerSettings,
     lanes: int,
@@ -159,6 +160,7 @@ def integrate_euler(
         loops: The loops, see `plant_kernel`.
         disturbance: d_Q (N), d_B (N) and d_τ (N·m), to which the drag is added.
         velocity: Velocity of the air, m/s.
+        hand: The hand, see `quadpend_gym.wind`; only rigid vehicles have one.
         physics: Physical parameters in the order of `Parameters`.
         settings: The vehicle.
         lanes: The number of lanes.

@@ -118,7 +118,7 @@ def advance_rows(
     state_lanes, issued = np.empty((plant.lane_size, BLOCK)), np.empty((ACTION_SIZE, BLOCK))
     disturbance_lanes, physics_lanes = np.empty((DISTURBANCE_SIZE, BLOCK)), np.empty((PARAMETERS_SIZE, BLOCK))
     loop_lanes, velocity_lanes = np.empty((loops.shape[0], BLOCK)), np.zeros((3, BLOCK))
-    command = np.empty((ACTION_SIZE, BLOCK))
+    command, hand_lanes = np.empty((ACTION_SIZE, BLOCK)), np.zeros((4, BLOCK))
     for first in range(0, state.shape[0], BLOCK):
         lanes = min(BLOCK, state.shape[0] - first)
         gather(state, first, lanes, state_lanes)
@@ -133,6 +133,7 @@ def advance_rows(
             loop_lanes,
             disturbance_lanes,
             velocity_lanes,
+            hand_lanes,
             physics_lanes,
             settings,
             lanes,

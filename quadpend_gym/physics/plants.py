@@ -17,7 +17,7 @@ from quadpend_gym.core.packing import pack
 from quadpend_gym.physics.allocation import mean_wrench, rigid_actions
 from quadpend_gym.physics.euler_kernel import EULER_KERNEL, EulerSettings, advance, advance_euler
 from quadpend_gym.physics.plant_kernel import PlantKernel
-from quadpend_gym.physics.rigid_kernel import RIGID_KERNEL, advance_rigid, rigid_from_state
+from quadpend_gym.physics.rigid_kernel import HELD_KERNEL, RIGID_KERNEL, advance_rigid, rigid_from_state
 from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings, nominal_loop
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, THRUST
 from quadpend_gym.physics.vectors import Four
@@ -50,6 +50,11 @@ class EulerPlant:
     def memory_size(self) -> int:
         """Numbers k of a vehicle besides its state: for rigid vehicles quaternion, body rate and rotor thrusts."""
         return self.kernel.memory_size
+
+    @property
+    def held_kernel(self) -> PlantKernel:
+        """The functions of a vehicle whose pole a hand can hold."""
+        raise ValueError("wind 'hold' needs a rigid vehicle: the paper's attitude model has no hand at the pole")
 
     def settings(self, moves_air: bool = False) -> EulerSettings | RigidSettings:
         """Return the numbers of the vehicle for compiled functions; the air may move, or rests.
@@ -108,7 +113,7 @@ class EulerPlant:
 class RigidPlant(EulerPlant):
     """A rigid body with rotors, a loop on board, and one of the command interfaces."""
 
-    kernel = RIGID_KERNEL
+    kernel, held_kernel = RIGID_KERNEL, HELD_KERNEL
     _advance = staticmethod(advance_rigid)
 
     @override

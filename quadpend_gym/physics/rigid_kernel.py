@@ -19,6 +19,10 @@ The state has the 18 numbers of every vehicle, in which the Euler angles and the
 Drag acts always, with the air at rest if there is no wind: the quadratic drag of `quadpend_gym.physics.drag`, constant
 during a control period, the drag of the rotors, linear in the velocity relative to the air and constant during a
 substep, which acts at a height above the centre of mass, and the torque against the body rate.
+
+A hand may pull at the pole's upper end (`quadpend_gym.wind.hand`). Its force is constant during a substep: that in the
+middle, at the position and velocity that the equations of motion predict from the start with the force of the start.
+This is of second order in the length of a substep.
 """
 
 from itertools import accumulate
@@ -82,6 +86,7 @@ from quadpend_gym.physics.state import (
     BOB_FORCE,
     DIRECTION,
     DIRECTION_RATE,
+    DISTURBANCE_SIZE,
     EULER,
     EULER_RATE,
     FORCE,
@@ -107,11 +112,12 @@ from quadpend_gym.vehicles import Parameters, Simulation
 
 QUATERNION, BODY_RATE, ROTOR_THRUST, RIGID_SIZE = 0, 4, 7, 11
 # In the (field, lane) buffers, the rigid part of the state follows the thrust axis, and then come the action that acts,
-# what a substep commands (rotor thrusts, drag of the rotors, momentum of the propellers), and constants of the body.
+# what a substep commands (rotor thrusts, drag of the rotors, momentum of the propellers), constants of the body, and,
+# with a hand, the disturbance of a substep and its mean.
 RIGID = LANE_STATE_SIZE
 _QUATERNION, _BODY_RATE, _ROTOR_THRUST = RIGID + QUATERNION, RIGID + BODY_RATE, RIGID + ROTOR_THRUST
-_ACTING, _WANTED, _ROTOR_DRAG, _MOMENTUM, _BODY, RIGID_LANE_SIZE = accumulate(
-    (RIGID + RIGID_SIZE, ACTION_SIZE, 4, 3, 1, LANE_BODY_SIZE)
+_ACTING, _WANTED, _ROTOR_DRAG, _MOMENTUM, _BODY, _LOADS, _MEAN, RIGID_LANE_SIZE = accumulate(
+    (RIGID + RIGID_SIZE, ACTION_SIZE, 4, 3, 1, LANE_BODY_SIZE, DISTURBANCE_SIZE, DISTURBANCE_SIZE)
 )
 
 
@@ -155,6 +161,118 @@ def _wrench(thrusts: Four, rigid: RigidSettings) -> Wrench:
 
 
 @inlined
+def _motion(state: Any, lane: int) -> Motion:
+    return Motion(
+        _load_quaternion(state, lane),
+        load(state, _BODY_RATE, lane),
+        load(state, DIRECTION, lane),
+        load(state, DIRECTION_RATE, lane),
+    )
+
+
+@inlined
+def _loads(
+    state: Any, disturbance: Any, rotation: Rotation, physics: Parameters, rigid: RigidSettings, lane: int
+) -> Loads:
+    drag = load(state, _ROTOR_DRAG, lane)
+    force = add(load(disturbance, FORCE, lane), drag)
+    bob_force = load(disturbance, BOB_FORCE, lane)
+    relative = axpy(1.0 / physics.quadrotor_mass, force, scale(-1.0 / physics.bob_mass, bob_force))
+    torque = axpy(rigid.drag_height, cross(rotation.z, drag), load(disturbance, TORQUE, lane))
+    return Loads(force, bob_force, relative, torque, state[_MOMENTUM, lane], rigid.angular_drag)
+
+
+@inlined
+def _pull(
+    hand: Any,
+    disturbance: Any,
+    position: Vec3,
+    velocity: Vec3,
+    motion: Motion,
+    physics: Parameters,
+    rigid: RigidSettings,
+    lane: int,
+    loads: Any,
+) -> None:
+    """Write the disturbance with the force of the hand, for a position (m) and velocity (m/s) of the body."""
+    rotation, length = rotation_matrix(motion.attitude), rigid.reach * physics.rod_length
+    arm, swing = to_world(rotation, rigid.pivot), to_world(rotation, cross(motion.rate, rigid.pivot))
+    end = axpy(length, motion.direction, add(position, arm))
+    end_rate = axpy(length, motion.direction_rate, add(velocity, swing))
+    stiffness, damping = hand[2, lane], hand[3, lane]
+    x = hand[0, lane] - stiffness * end.x - damping * end_rate.x
+    y = hand[1, lane] - stiffness * end.y - damping * end_rate.y
+    at_pivot = scale(1.0 - rigid.reach, Vec3(x, y, 0.0))
+    store(loads, FORCE, lane, add(load(disturbance, FORCE, lane), at_pivot))
+    store(loads, BOB_FORCE, lane, axpy(rigid.reach, Vec3(x, y, 0.0), load(disturbance, BOB_FORCE, lane)))
+    store(loads, TORQUE, lane, add(load(disturbance, TORQUE, lane), cross(arm, at_pivot)))
+
+
+@inlined
+def _hold_lane(
+    state: Any,
+    hand: Any,
+    disturbance: Any,
+    physics: Parameters,
+    body: RigidPhysics,
+    rigid: RigidSettings,
+    lane: int,
+    h: float,
+    loads: Any,
+) -> None:
+    """Write the disturbance with the force that the hand has in the middle of a substep of length h."""
+    motion, position, velocity = _motion(state, lane), load(state, POSITION, lane), load(state, VELOCITY, lane)
+    _pull(hand, disturbance, position, velocity, motion, physics, rigid, lane, loads)
+    start, wanted, rotors = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane), rigid.rotors
+    wrench = _wrench(thrusts_after(start, wanted, rotors.rise.x, rotors.fall.x), rigid)
+    before = rotation_matrix(motion.attitude)
+    rate = derivative(motion, wrench, _loads(state, loads, before, physics, rigid, lane), physics, body)
+    middle = moved(0.5 * h, rate.motion, motion)
+    rotation = rotation_matrix(middle.attitude)
+    centre = add(position, centre_from_body(before, motion.direction, physics, body))
+    centre_rate = add(velocity, centre_rate_from_body(before, motion.rate, motion.direction_rate, physics, body))
+    offset = centre_from_body(rotation, middle.direction, physics, body)
+    offset_rate = centre_rate_from_body(rotation, middle.rate, middle.direction_rate, physics, body)
+    position = axpy(-1.0, offset, axpy(0.5 * h, centre_rate, centre))
+    velocity = axpy(-1.0, offset_rate, axpy(0.5 * h, rate.centre, centre_rate))
+    _pull(hand, disturbance, position, velocity, middle, physics, rigid, lane, loads)
+
+
+@inlined
+def _hold(
+    state: Any,
+    hand: Any,
+    disturbance: Any,
+    physics: Any,
+    rigid: RigidSettings,
+    loops: Any,
+    lanes: int,
+    h: float,
+    substep: int,
+    substeps: int,
+) -> Any:
+    """Return the disturbance of a substep with the force of the hand; replace it by its mean in the last substep."""
+    loads, mean, share = state[_LOADS:_MEAN], state[_MEAN:], 1.0 / (substep + 1.0)
+    for lane in range(lanes):
+        parameters = load_physics(physics, lane)
+        body = load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
+        _hold_lane(state, hand, disturbance, parameters, body, with_loop(rigid, loops, lane), lane, h, loads)
+    for field in range(DISTURBANCE_SIZE):
+        for lane in range(lanes):
+            before = mean[field, lane] if substep > 0 else 0.0
+            mean[field, lane] = before + share * (loads[field, lane] - before)
+            if substep == substeps - 1:
+                disturbance[field, lane] = mean[field, lane]
+    return loads
+
+
+@inlined
+def release(state: Any, hand: Any, disturbance: Any, *_: Any) -> Any:
+    """Return the disturbance, in place of `_hold`."""
+    return disturbance
+
+
+@inlined
 def _substep(
     state: Any, disturbance: Any, physics: Parameters, body: RigidPhysics, rigid: RigidSettings, lane: int, h: float
 ) -> Four:
@@ -168,20 +286,9 @@ def _substep(
     wrench_0 = _wrench(thrusts_after(start, wanted, rotors.rise.x, rotors.fall.x), rigid)
     wrench_m = _wrench(thrusts_after(start, wanted, rotors.rise.y, rotors.fall.y), rigid)
     wrench_1 = _wrench(thrusts_1, rigid)
-    before, drag = rotation_matrix(_load_quaternion(state, lane)), load(state, _ROTOR_DRAG, lane)
-    force = add(load(disturbance, FORCE, lane), drag)
-    bob_force = load(disturbance, BOB_FORCE, lane)
-    relative = axpy(1.0 / physics.quadrotor_mass, force, scale(-1.0 / physics.bob_mass, bob_force))
-    torque = axpy(rigid.drag_height, cross(before.z, drag), load(disturbance, TORQUE, lane))
-    momentum = state[_MOMENTUM, lane]
-    loads = Loads(force, bob_force, relative, torque, momentum, rigid.angular_drag)
-
-    motion = Motion(
-        _load_quaternion(state, lane),
-        load(state, _BODY_RATE, lane),
-        load(state, DIRECTION, lane),
-        load(state, DIRECTION_RATE, lane),
-    )
+    motion = _motion(state, lane)
+    before = rotation_matrix(motion.attitude)
+    loads = _loads(state, disturbance, before, physics, rigid, lane)
     d1 = derivative(motion, wrench_0, loads, physics, body)
     d2 = derivative(moved(0.5 * h, d1.motion, motion), wrench_m, loads, physics, body)
     d3 = derivative(moved(0.5 * h, d2.motion, motion), wrench_m, loads, physics, body)
@@ -237,11 +344,13 @@ def _store_command(action: Any, rigid: RigidSettings, loops: Any, lane: int, sta
 
 @inlined
 def integrate_rigid(
+    hold: Any,
     state: Any,
     issued: Any,
     loops: Any,
     disturbance: Any,
     velocity: Any,
+    hand: Any,
     physics: Any,
     rigid: RigidSettings,
     lanes: int,
@@ -249,7 +358,10 @@ def integrate_rigid(
     substeps: int,
     command: Any,
 ) -> None:
-    """Advance one block by a control period, as `integrate_euler`."""
+    """Advance one block by a control period, as `integrate_euler`.
+
+    `hold` is `_hold`, or `release` where nothing can hold the pole.
+    """
     for lane in range(lanes):
         add_drag(load(velocity, 0, lane), state, physics, lane, disturbance)
         body = rigid_physics(load_physics(physics, lane), rigid.correlation, rigid.pivot, rigid.shape)
@@ -270,16 +382,83 @@ def integrate_rigid(
                 rotors = with_loop(rigid, loops, lane).rotors
                 middle = thrusts_after(start, wanted, rotors.rise.y, rotors.fall.y)
                 state[_MOMENTUM, lane] = propeller_momentum(middle, rotors)
+        loads = hold(state, hand, disturbance, physics, rigid, loops, lanes, h, substep, substeps)
         for lane in range(lanes):
             parameters = load_physics(physics, lane)
             body = load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
-            mean = _substep(state, disturbance, parameters, body, with_loop(rigid, loops, lane), lane, h)
+            mean = _substep(state, loads, parameters, body, with_loop(rigid, loops, lane), lane, h)
             add_mean(mean, share, lane, command)
     for lane in range(lanes):
         store_outputs(state, lane)
 
 
-RIGID_KERNEL = PlantKernel(RIGID_SIZE, RIGID_LANE_SIZE, integrate_rigid, store_outputs, _store_axis, _store_command)
+@inlined
+def _integrate_released(
+    state: Any,
+    issued: Any,
+    loops: Any,
+    disturbance: Any,
+    velocity: Any,
+    hand: Any,
+    physics: Any,
+    rigid: RigidSettings,
+    lanes: int,
+    period: float,
+    substeps: int,
+    command: Any,
+) -> None:
+    integrate_rigid(
+        release,
+        state,
+        issued,
+        loops,
+        disturbance,
+        velocity,
+        hand,
+        physics,
+        rigid,
+        lanes,
+        period,
+        substeps,
+        command,
+    )
+
+
+@inlined
+def _integrate_held(
+    state: Any,
+    issued: Any,
+    loops: Any,
+    disturbance: Any,
+    velocity: Any,
+    hand: Any,
+    physics: Any,
+    rigid: RigidSettings,
+    lanes: int,
+    period: float,
+    substeps: int,
+    command: Any,
+) -> None:
+    integrate_rigid(
+        _hold,
+        state,
+        issued,
+        loops,
+        disturbance,
+        velocity,
+        hand,
+        physics,
+        rigid,
+        lanes,
+        period,
+        substeps,
+        command,
+    )
+
+
+_OTHERS = store_outputs, _store_axis, _store_command
+RIGID_KERNEL = PlantKernel(RIGID_SIZE, RIGID_LANE_SIZE, _integrate_released, *_OTHERS)
+HELD_KERNEL = PlantKernel(RIGID_SIZE, RIGID_LANE_SIZE, _integrate_held, *_OTHERS)
 
 
 @compiled

@@ -32,6 +32,7 @@ class RigidSettings(NamedTuple):
     rotor_drag: Vec3  # drag of the rotors, N·s/m, body frame
     drag_height: float  # height above the centre of mass where the drag of the rotors acts, m
     angular_drag: Vec3  # torque against the body rate, N·m·s/rad, body frame
+    reach: float  # L/l: distance of the pole's upper end from the pivot, divided by that of its centre of mass
     loop: RateLoopSettings  # the on-board rate loop
     rotors: RotorSettings  # the rotors
 
@@ -66,6 +67,7 @@ def with_loop(rigid: RigidSettings, loops: Any, lane: int) -> RigidSettings:
         rigid.rotor_drag,
         rigid.drag_height,
         rigid.angular_drag,
+        rigid.reach,
         RateLoopSettings(loops[_RATE_GAIN, lane], loops[_TORQUE_GAIN, lane], rigid.loop.inertia),
         rotors,
     )
@@ -136,6 +138,7 @@ def make_rigid_settings(simulation: Simulation) -> RigidSettings:
         Vec3(*vehicle.drag.rotor),
         vehicle.drag.height,
         Vec3(*vehicle.drag.angular),
+        pole.full_length / pole.length,
         RateLoopSettings(*gains, _symmetric(inertia)),
         settings,
     )

@@ -8,6 +8,7 @@ in ``__all__`` in its module, and nowhere else.
 from quadpend_gym.wind.base import *
 from quadpend_gym.wind.base import WINDS
 from quadpend_gym.wind.gusts import *
+from quadpend_gym.wind.hand import *
 from quadpend_gym.wind.steady import *
 from quadpend_gym.wind.steady import Relative
 from quadpend_gym.wind.turbulence import *

@@ -12,9 +12,19 @@ twelve components in SI units.
 
 The velocities of several models are added before the drag is computed from their sum. The torque on a rigid vehicle is
 in the world frame, that on the paper's vehicle about the axes of φ, θ and ψ, see `quadpend_gym.physics.state`.
+
+
+A hand that pulls at the pole's upper end has four more columns, see `quadpend_gym.wind.hand`:
+
+| symbol | name | columns | unit              | frame | acts on                                                       |
+|--------|------|---------|-------------------|-------|---------------------------------------------------------------|
+| k x, k | hand | 12–14   | N (two), N/m      | world | pole's upper end, horizontally: k (x − its position), and     |
+| c      |      | 15      | N·s/m             |       | −c times its velocity                                         |
+
+Force and stiffness of several hands are added like those of several springs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
@@ -26,7 +36,7 @@ from quadpend_gym.core.models import FromFactory, Model, Parts, Registry
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
 
-__all__ = ["WIND_FIELDS", "WIND_SIZE", "Sum", "Wind", "WindField", "WindFromFactory"]
+__all__ = ["HAND", "SAMPLE_SIZE", "WIND_FIELDS", "WIND_SIZE", "Sum", "Wind", "WindField", "WindFromFactory"]
 
 WIND_SIZE = 12
 WIND_FIELDS = {
@@ -35,6 +45,7 @@ WIND_FIELDS = {
     "torque": slice(6, 9),
     "velocity": slice(9, 12),
 }
+HAND, SAMPLE_SIZE = slice(12, 16), 16
 # First columns of the vectors that a heading rotates; not the torque, which on the paper's vehicle is no world vector.
 WORLD_VECTORS = tuple(WIND_FIELDS[name].start for name in ("force", "bob_force", "velocity"))
 Load = float | tuple[float, float, float]  # one number for all three axes, or three numbers
@@ -52,10 +63,15 @@ class Wind(Model, Protocol):
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the disturbance and wind velocity of the next control period to `out`.
 
-        `out`, shape (n, 12), is the sum of the models so far. It and the memory, shape (n, memory_size), have
-        contiguous columns. `step` counts the control steps of each episode, shape (n,), with the duration `period` (s).
-        Of the random streams of the n sub-environments, this step may use block `step + 1`.
+        `out`, shape (n, 12), or (n, 16) if there are hands, is the sum of the models so far. It and the memory, shape
+        (n, memory_size), have contiguous columns. `step` counts the control steps of each episode, shape (n,), with the
+        duration `period` (s). Of the random streams of the n sub-environments, this step may use block `step + 1`.
         """
+
+
+def can_hold(models: Iterable[Any]) -> bool:
+    """Return whether a model can set the columns of a hand: one with a true attribute `holds`."""
+    return any(getattr(model, "holds", False) for model in models)
 
 
 class Addable:
@@ -83,8 +99,22 @@ class Composite(Parts, Addable):
         """Whether the wind can set a wind velocity."""
         return any(model.moves_air for model in self.parts)
 
+    @cached_property
+    def holds(self) -> bool:
+        """Whether the wind can set the columns of a hand."""
+        return can_hold(self.parts)
+
+    def _sampled(self, memory: Floats, step: Integers, period: float, streams: Streams) -> Floats:
+        """Return the winds of its models, shape (n, 12), or (n, 16) if they can set the columns of a hand."""
+        wind = np.zeros((SAMPLE_SIZE if self.holds else WIND_SIZE, step.size)).T
+        self._add(wind, memory, step, period, streams)
+        return wind
+
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the winds of its models."""
+        self._add(out, memory, step, period, streams)
+
+    def _add(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         self.each(memory, streams, lambda model, own, random: model.sample(out, own, step, period, random))
 
 

@@ -11,8 +11,8 @@ from quadpend_gym.core.models import Stateless
 from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.wind.base import (
+    HAND,
     WIND_FIELDS,
-    WIND_SIZE,
     WINDS,
     WORLD_VECTORS,
     Addable,
@@ -107,7 +107,8 @@ class StillAir(Stateless, Addable):
 class Drawn(Composite):
     """A wind that is scaled by a factor and rotated about the vertical by an angle, both drawn for each episode.
 
-    Forces and velocities turn; the torque keeps its direction, see `wind.base`.
+    Forces, velocities and the position of a hand turn; the torque keeps its direction, see `wind.base`. Of a hand,
+    stiffness and damping are scaled.
     """
 
     wind: Annotated[Any, WindField]
@@ -128,13 +129,15 @@ class Drawn(Composite):
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the drawn wind, scaled and rotated."""
-        wind = np.zeros((WIND_SIZE, step.size)).T
-        super().sample(wind, memory[:, 3:], step, period, streams)
+        wind = self._sampled(memory[:, 3:], step, period, streams)
         strength, cosine, sine = memory[:, :3].T
         for axis in WORLD_VECTORS:
             add_rotated(out, axis, wind[:, axis : axis + 3].T, strength, cosine, sine)
         torque = WIND_FIELDS["torque"]  # on the paper's vehicle no world vector, so no heading rotates it
         out[:, torque] += strength[:, np.newaxis] * wind[:, torque]
+        if self.holds:  # (k x, k) turns about the vertical through the origin
+            add_rotated(out, HAND.start, wind[:, HAND].T, strength, cosine, sine)
+            out[:, HAND.stop - 1] += strength * wind[:, HAND.stop - 1]
 
     def _streams(self, i: int, streams: Streams) -> Streams:
         return streams.derive(i)
@@ -143,7 +146,9 @@ class Drawn(Composite):
 @WINDS.add
 @settings
 class Rescaled(Composite):
-    """A wind whose forces and torques are multiplied by factors. Its wind velocities do not change.
+    """A wind whose forces and torques are multiplied by factors, as are stiffness and damping of a hand.
+
+    Its wind velocities do not change.
 
     A force that suits one vehicle is too strong or too weak for a vehicle of another weight; `scale` is then the ratio
     of the weights, and `torque_scale` that of the torque limits. The drag of a wind velocity follows from the drag
@@ -158,11 +163,12 @@ class Rescaled(Composite):
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the winds of its models, with scaled forces and torques."""
-        wind = np.zeros((WIND_SIZE, step.size)).T
-        super().sample(wind, memory, step, period, streams)
+        wind = self._sampled(memory, step, period, streams)
         factors = {"force": self.scale, "bob_force": self.scale, "torque": self.torque_factors, "velocity": 1.0}
         for name, columns in WIND_FIELDS.items():
             out[:, columns] += np.asarray(factors[name]) * wind[:, columns]
+        if self.holds:
+            out[:, HAND] += self.scale * wind[:, HAND]
 
     @property
     def torque_factors(self) -> tuple[float, ...]:
@@ -209,6 +215,8 @@ def for_vehicle(models: Iterable[Any], factors: Factors) -> tuple[Any, ...]:
 class Rising(Composite):
     """A wind that begins with still air: it is multiplied by min(t/rise, 1), see `Scenario.wind_rise`.
 
+    Of a hand, stiffness and damping are multiplied.
+
     Its random numbers are those of the wind without the rise.
     """
 
@@ -217,6 +225,5 @@ class Rising(Composite):
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the wind, multiplied by the factor in the middle of the control period."""
-        wind = np.zeros((WIND_SIZE, step.size)).T
-        super().sample(wind, memory, step, period, streams)
-        out += np.minimum((step + 0.5) * period / self.rise, 1.0)[:, np.newaxis] * wind
+        wind = self._sampled(memory, step, period, streams)
+        out[:, : wind.shape[1]] += np.minimum((step + 0.5) * period / self.rise, 1.0)[:, np.newaxis] * wind

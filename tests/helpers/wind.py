@@ -22,10 +22,10 @@ from quadpend_gym import (
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.wind import WIND_SIZE, Relative, Sum, Wind, as_wind
+from quadpend_gym.wind import SAMPLE_SIZE, WIND_SIZE, Relative, Sum, Wind, as_wind
 
 PERIOD = 0.01
-# One model of every kind, each of them non-zero within the first steps.
+# One model of every kind but a hand, each of them non-zero within the first steps.
 EXAMPLES: dict[str, Any] = {
     "constant": Constant(force=0.5, bob_force=(0.0, 0.1, 0.0), torque=0.02, velocity=(1.0, -2.0, 0.5)),
     "sinusoid": Sinusoid(force=0.3, torque=(0.0, 0.05, 0.01), velocity=2.0, frequency=3.0),
@@ -44,9 +44,9 @@ every_kind = pytest.mark.parametrize("wind", EXAMPLES.values(), ids=EXAMPLES.key
 
 
 def iterate_wind(wind: Any, rows: int, period: float = PERIOD) -> Iterator[Floats]:
-    """Yield the wind of each step of an endless episode, shape (rows, 12)."""
+    """Yield the wind of each step of an endless episode, shape (rows, 16)."""
     batch = ModelBatch(as_wind(wind), rows)
-    out, step = np.zeros((WIND_SIZE, rows)).T, np.zeros(rows, np.int64)
+    out, step = np.zeros((SAMPLE_SIZE, rows)).T, np.zeros(rows, np.int64)
 
     def sample(model: Wind, memory: Floats, streams: Streams) -> None:
         model.sample(out, memory, step, period, streams)
@@ -54,11 +54,11 @@ def iterate_wind(wind: Any, rows: int, period: float = PERIOD) -> Iterator[Float
     batch.start_episodes(np.arange(rows), Streams.from_seeds(list(range(rows))), sample)
     while True:
         yield out
-        out, step = np.zeros((WIND_SIZE, rows)).T, step + 1
+        out, step = np.zeros((SAMPLE_SIZE, rows)).T, step + 1
         batch.apply(sample)
 
 
-def sample_wind(wind: Any, steps: int, rows: int, period: float = PERIOD, columns: slice = slice(None)) -> Floats:
+def sample_wind(wind: Any, steps: int, rows: int, period: float = PERIOD, columns: slice = slice(WIND_SIZE)) -> Floats:
     """Return the wind of the first steps of an episode, shape (steps, rows, 12), or some of its columns."""
     return np.array([out[:, columns] for out in islice(iterate_wind(wind, rows, period), steps)])
 

@@ -40,7 +40,7 @@ from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.physics.euler_kernel import EulerSettings, integrate_euler
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
-from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
+from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, release
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, load, load_four, store, store_four
@@ -136,12 +136,13 @@ def advance(
     air = buffer[_AIR:ACTED]
     if rigid is None:
         own = EulerSettings(plant.command_scale, False)
-        integrate_euler(lanes, issued, numbers, forces, air, parameters, own, 1, period, substeps, command)
+        integrate_euler(lanes, issued, numbers, forces, air, air, parameters, own, 1, period, substeps, command)
     else:
         for i in range(RIGID_SIZE):
             buffer[RIGID + i, 0] = memory[RIGID_PART + i, lane]
         store(air, 0, 0, Vec3(0.0, 0.0, 0.0))
-        integrate_rigid(lanes, issued, numbers, forces, air, parameters, rigid, 1, period, substeps, command)
+        inputs = lanes, issued, numbers, forces, air, air, parameters  # there is no hand
+        integrate_rigid(release, *inputs, rigid, 1, period, substeps, command)
         for i in range(RIGID_SIZE):
             memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
     for i in range(STATE_SIZE):

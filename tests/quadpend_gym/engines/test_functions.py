@@ -32,7 +32,10 @@ def call(function: Any, *arguments: Floats) -> list[Floats]:
     return [np.array(result).T for result in function.map(rows).call([array.T for array in arguments])]
 
 
-def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
+NO_HAND = np.zeros((ROWS, 4))
+
+
+def step_by_numba(simulation: Simulation, x: Inputs, hand: Floats = NO_HAND) -> tuple[Floats, Floats, Floats, Floats]:
     """Return next state, next memory, observation and outcome of the compiled step."""
     rows, plant = len(x.state), plant_of(simulation)
     schedule = Schedule(None, simulation, rows)
@@ -43,9 +46,11 @@ def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Fl
     memory[:, layout.MEMORY_POLE] = x.parameters[:, [ROD_LENGTH, BOB_MASS]]
     observation = np.zeros((rows, ALL.size), np.float32)
     settings = layout.pack_settings(TASK, plant, moves_air=True, has_sensors=False)
-    inputs = memory, np.zeros(rows, np.int64), np.ascontiguousarray(x.wind.T), np.asarray(x.action, np.float32)
+    columns = np.ascontiguousarray(np.hstack([x.wind, hand]).T)
+    inputs = memory, np.zeros(rows, np.int64), columns, np.asarray(x.action, np.float32)
     numbers = schedule.loops, np.zeros((POINT_SIZE, 0)), settings
-    KERNELS[plant.kernel](STEP, *inputs, *numbers, observation, outcome, 0, rows)
+    kernel = plant.held_kernel if hand.any() else plant.kernel
+    KERNELS[kernel](STEP, *inputs, *numbers, observation, outcome, 0, rows)
     return memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_SIZE :], observation, outcome
 
 
@@ -55,6 +60,15 @@ def test_a_step_is_that_of_the_environment(name: str) -> None:
     x = Inputs(simulation, ROWS)
     state, memory, _, _ = step_by_numba(simulation, x)
     next_state, next_memory = call(engines.step_function(simulation, moves_air=True), *x.of_step())
+    np.testing.assert_allclose(next_state, state, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(next_memory, memory, rtol=1e-13, atol=1e-13)
+
+
+def test_a_step_with_a_hand_is_that_of_the_environment() -> None:
+    simulation = SIMULATIONS["latency"]
+    x, hand = Inputs(simulation, ROWS), np.random.default_rng(1).normal(size=(ROWS, 4)) * (10.0, 10.0, 20.0, 0.5)
+    state, memory, _, _ = step_by_numba(simulation, x, hand)
+    next_state, next_memory = call(engines.step_function(simulation, True, None, True), *x.of_step(), hand)
     np.testing.assert_allclose(next_state, state, rtol=1e-13, atol=1e-13)
     np.testing.assert_allclose(next_memory, memory, rtol=1e-13, atol=1e-13)
 

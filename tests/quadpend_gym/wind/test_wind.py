@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym import PAPER, Constant, Limits, OrnsteinUhlenbeck, Sinusoid, State, StillAir, Task
+from quadpend_gym import PAPER, Constant, Hold, Limits, OrnsteinUhlenbeck, Sinusoid, State, StillAir, Task
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.wind import KINDS, Sum, as_wind
@@ -23,7 +23,7 @@ STORMY = WINDY + "storm" + Constant(velocity=(3.0, -4.0, 1.0))
 
 
 def test_every_kind_has_an_example_that_is_non_zero_after_a_few_steps() -> None:
-    assert {**{name: type(model) for name, model in EXAMPLES.items()}, "still_air": StillAir} == KINDS
+    assert {**{name: type(model) for name, model in EXAMPLES.items()}, "still_air": StillAir, "hold": Hold} == KINDS
     for model in EXAMPLES.values():
         assert (sample_wind(model, 10, 3) != 0.0).any(axis=(0, 2)).all()
 
