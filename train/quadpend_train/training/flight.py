@@ -42,6 +42,7 @@ from quadpend_gym.tasks.trajectories import is_one_term
 from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.wind import WIND_SIZE
+from quadpend_gym.wind.base import can_hold
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.training.observed import Observer, observation_step
 from quadpend_train.training.settings import ApgSettings
@@ -112,6 +113,8 @@ def check_covered(name: str, scenario: Scenario) -> None:
                 f"algo 'apg' cannot have the actuator {kind_of(model)!r}, only 'action_delay', 'motor_lag',"
                 f" 'packet_loss' and 'gyro_bias' (scenario {name})"
             )
+    if can_hold(scenario.wind_models):
+        raise ValueError(f"algo 'apg' cannot have the wind 'hold' (scenario {name})")
     if scenario.loop is not None and scenario.simulation.vehicle.attitude != "rigid":
         raise ValueError(f"algo 'apg' draws the loop of rigid vehicles only, not that of the scenario {name}")
     if scenario.task.pendulum != "upright" or scenario.task.reward.pendulum_first > 0.0:
