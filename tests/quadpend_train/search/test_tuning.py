@@ -15,7 +15,9 @@ from quadpend_baselines.gains import gains_for, tuned
 from quadpend_gym import Simulation
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
+from quadpend_train.policies.loading import load_policy
 from quadpend_train.search import tuning
+from tests.helpers.bad_input import assert_refused
 from tests.helpers.scenarios import shorten_scenarios
 
 
@@ -55,6 +57,7 @@ def test_a_search_continues_and_its_result_is_scored(
     found = json.loads((tmp_path / "lqr.json").read_text(encoding="utf-8"))
     assert found["survival and penalised rmse"]["load_windy"][0] == 100.0
     assert set(found["gains"]) == set(tuning.SEARCH_SPACES["lqr"])
+    assert_refused(lambda: load_policy(f"lqi:{tmp_path / 'lqr.json'}"), "has the gains of lqr, not of lqi", ValueError)
     assert (tmp_path / "lqr.png").stat().st_size > 5000
     assert '"score"' in capsys.readouterr().out
 
