@@ -65,7 +65,6 @@ from quadpend_baselines.estimation.estimate import (
     for_nominal_length,
     is_bounded,
     law_inputs,
-    measured_state,
     moved,
     near_angle,
     store_attitude,
@@ -93,6 +92,7 @@ from quadpend_baselines.modelling.quantities import (
     VehicleState,
     calm,
     choose,
+    load_reference,
     load_state,
     minus,
     store_vectors,
@@ -100,7 +100,7 @@ from quadpend_baselines.modelling.quantities import (
 )
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
-from quadpend_gym.core.elementary import sincos
+from quadpend_gym.core.elementary import select, sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
@@ -112,6 +112,7 @@ BEHIND = OBSERVERS_SIZE + COMMAND_SIZE  # numbers behind those of `estimation.es
 _MAX_ESTIMATE = 1e15  # an observer whose states exceed it starts again
 _MAX_RATE = 100.0  # rad/s, limit of estimated rates
 _MAX_STATE = 1e3  # a predicted state beyond it is not used
+_LEAST_JUMP = 1e-3  # m and rad, of the reference
 _MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
 
 
@@ -279,10 +280,13 @@ def _measured(
     If the sample is missing, 1 or 0, the state is that of the estimate.
     """
     store_measured_reference(memory, lane, seen)
-    store_vectors(
-        memory, STATE, lane, choose(missing > 0.5, load_state(memory, STATE, lane), measured_state(memory, lane, seen))
-    )
-    s, _, reference = law_inputs(memory.T, lane)
+    reference = load_reference(seen, REFERENCE, lane)
+    # From position and place themselves, because small differences of them are exact in single precision
+    measured = moved(load_state(seen, STATE, lane), -1.0, seen[PLACE:REFERENCE], lane)
+    predicted = moved(load_state(memory, STATE, lane), -1.0, memory[PLACE:REFERENCE], lane)
+    s = for_nominal_length(choose(missing > 0.5, predicted, measured), memory[POLE, lane])
+    euler = Vec3(s.euler.x, s.euler.y, near_angle(s.euler.z, reference.yaw.x))
+    s = VehicleState(s.position, s.velocity, euler, s.euler_rate, s.direction, s.direction_rate)
     return s, reference, measurement_of_state(s, reference, model, rigid)
 
 
@@ -309,6 +313,12 @@ def begin(
     _store(memory, lane, s, mismatch, model, rigid)
     if rigid is not None:
         store_four(memory, RIGID_PART + ROTOR_THRUST, lane, rigid.rotors.hover)
+
+
+@inlined
+def _jumped(change: float) -> float:
+    """Return a change of the reference beyond its motion, and 0 for the rounding of the motion."""
+    return select(abs(change) > _LEAST_JUMP, change, 0.0)
 
 
 @inlined
@@ -350,10 +360,10 @@ def correct(
     begin_observers(m, model, chains, lane)
     for i in range(4 * bank.shape[0]):
         chains[i, lane] = past[i, lane]
-    chains[LUENBERGER, lane] -= jumps * jump.x
-    chains[LUENBERGER + NEXT, lane] -= jumps * jump.y
-    chains[HEIGHT, lane] -= jumps * jump.z
-    chains[YAW, lane] = near_angle(chains[YAW, lane] - jumps * turn, m.yaw_error)
+    chains[LUENBERGER, lane] -= jumps * _jumped(jump.x)
+    chains[LUENBERGER + NEXT, lane] -= jumps * _jumped(jump.y)
+    chains[HEIGHT, lane] -= jumps * _jumped(jump.z)
+    chains[YAW, lane] = near_angle(chains[YAW, lane] - jumps * _jumped(turn), m.yaw_error)
     update_observers(chains, lane, start, end, observer_outputs(m, model), bank, numbers.period)
     is_valid = is_bounded(chains, lane, 4 * bank.shape[0], _MAX_ESTIMATE)
     if sensor_delay > 0:  # a delayed sensor repeats its first sample

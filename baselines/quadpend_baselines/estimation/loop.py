@@ -91,6 +91,11 @@ class Loop:
         return Loop(observation=self.observation)
 
     @property
+    def of_errors(self) -> "Loop":
+        """The same for a policy that reads errors in place of positions in the world."""
+        return replace(self, observation=OUTPUT_FEEDBACK if self.in_world else self.observation)
+
+    @property
     def steps(self) -> int:
         """Control steps from the choice of an action to the step in which the estimated state begins to follow it."""
         return self.delay + self.sensor_delay

@@ -22,7 +22,7 @@ from quadpend_baselines.estimation.estimate import (
 )
 from quadpend_baselines.estimation.loop import READABLE, Loop
 from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, store_vectors
-from quadpend_gym import Simulation
+from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
@@ -35,6 +35,7 @@ from quadpend_gym.tasks.observation import (
     OBSERVATION_FIELDS,
     OBSERVATION_SCALE,
     OBSERVATION_SIZE,
+    OUTPUT_FEEDBACK_COLUMNS,
     REFERENCE_START,
     ObservationLayout,
 )
@@ -141,16 +142,22 @@ def measurement_from_observation(
     return Estimate(out)
 
 
+@inlined
+def errors_of_estimate(estimate: Any, row: int, rod_length: float, out: Any) -> None:
+    """Write the observation `FULL` of an estimate, with the tracked point of the believed pole."""
+    s, _, _ = law_inputs(estimate, row)
+    attitude = Vec3(s.euler.x, s.euler.y, s.euler.z - float(np.float32(estimate[row, YAW])))
+    fields = (*bob_offset(s, rod_length), s.direction, s.direction_rate, attitude, s.euler_rate)
+    for i in range(REFERENCE_START):
+        out[row, i] = fields[i // 3][i % 3] / OBSERVATION_SCALE[i]
+    for i in range(REFERENCE_START, OBSERVATION_SIZE):
+        out[row, i] = estimate[row, REFERENCE - REFERENCE_START + i] / OBSERVATION_SCALE[i]
+
+
 @compiled
 def _observation_rows(estimate: Floats, rod_length: float, out: Floats32) -> None:
     for row in range(out.shape[0]):
-        s, _, _ = law_inputs(estimate, row)  # with the tracked point of the believed pole
-        attitude = Vec3(s.euler.x, s.euler.y, s.euler.z - float(np.float32(estimate[row, YAW])))
-        fields = (*bob_offset(s, rod_length), s.direction, s.direction_rate, attitude, s.euler_rate)
-        for i in range(REFERENCE_START):
-            out[row, i] = fields[i // 3][i % 3] / OBSERVATION_SCALE[i]
-        for i in range(REFERENCE_START, OBSERVATION_SIZE):
-            out[row, i] = estimate[row, REFERENCE - REFERENCE_START + i] / OBSERVATION_SCALE[i]
+        errors_of_estimate(estimate, row, rod_length, out)
 
 
 def observation_of(estimate: Estimate, rod_length: float) -> Floats32:
@@ -158,6 +165,12 @@ def observation_of(estimate: Estimate, rod_length: float) -> Floats32:
     out = np.empty((len(estimate.array), OBSERVATION_SIZE), np.float32)
     _observation_rows(estimate.array, rod_length, out)
     return out
+
+
+def errors_of(observation: Floats32, parameters: Parameters) -> Floats32:
+    """Return the observation `OUTPUT_FEEDBACK` for observations `LAB`, with the error of the believed pole."""
+    measured = measurement_from_observation(observation, parameters.rod_length, LAB, parameters.bob_mass)
+    return observation_of(measured, parameters.rod_length)[:, OUTPUT_FEEDBACK_COLUMNS]
 
 
 def observed_rows(

@@ -38,12 +38,14 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.envs.loops import Schedule
+from quadpend_gym.physics.attitude import Quaternion, rotation_matrix, to_body, to_world
+from quadpend_gym.physics.drag import drag_force
 from quadpend_gym.physics.euler_kernel import EulerSettings, integrate_euler
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
-from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, release
+from quadpend_gym.physics.rigid_kernel import QUATERNION, RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, release
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, load, load_four, store, store_four
+from quadpend_gym.physics.state import ACTION_SIZE, BOB_FORCE, DISTURBANCE_SIZE, FORCE, STATE_SIZE
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, load, load_four, scale, store, store_four
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS, ROD_LENGTH
 
 # Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, the action before and
@@ -163,6 +165,33 @@ def arrive(memory: Any, lane: int, loop: LoopNumbers) -> None:
 
 
 @inlined
+def add_reference_drag(memory: Any, lane: int, loop: LoopNumbers, rigid: RigidSettings | None) -> None:
+    """Add to the forces of an estimate the drag that the velocity of the reference adds to that of the relative one.
+
+    Laws and networks know no velocity but the relative one, and take the drag of the reference for wind.
+    """
+    plant, state, d1 = loop.plant, load_state(memory, STATE, lane), load(memory, PLACE + 3, lane)
+    v = scale(-1.0, state.velocity)
+    bob = axpy(-(plant.pendulum.vehicle.rod_length + memory[POLE, lane]), state.direction_rate, v)
+    on_vehicle = _more_drag(plant.quadrotor_drag_area, v, d1)
+    if rigid is not None:
+        q = load_four(memory, RIGID_PART + QUATERNION, lane)
+        rotation = rotation_matrix(Quaternion(q.a, q.b, q.c, q.d))
+        body, drag = to_body(rotation, d1), rigid.rotor_drag
+        force = to_world(rotation, Vec3(drag.x * body.x, drag.y * body.y, drag.z * body.z))
+        on_vehicle = axpy(-1.0, force, on_vehicle)
+    first, second = DISTURBANCE + FORCE, DISTURBANCE + BOB_FORCE
+    store(memory, first, lane, add(load(memory, first, lane), on_vehicle))
+    store(memory, second, lane, add(load(memory, second, lane), _more_drag(plant.bob_drag_area, bob, d1)))
+
+
+@inlined
+def _more_drag(area: float, air: Vec3, velocity: Vec3) -> Vec3:
+    """Return the drag in relative air less that in air that moves faster by a velocity, N."""
+    return axpy(-1.0, drag_force(area, add(air, velocity)), drag_force(area, air))
+
+
+@inlined
 def load_action(action: Any, row: int) -> Four:
     """Return an action of n rows, shape (n, 4), in double precision."""
     a = action[row]
@@ -187,6 +216,13 @@ def _arrive(estimate: Floats, packed: Any) -> None:
     loop = unpack_loop(packed)
     for row in range(estimate.shape[0]):
         arrive(estimate.T, row, loop)
+
+
+@compiled
+def _add_reference_drag(estimate: Floats, packed: Any, packed_rigid: Floats | None) -> None:
+    loop, rigid = unpack_loop(packed), None if packed_rigid is None else unpack_rigid(packed_rigid)
+    for row in range(estimate.shape[0]):
+        add_reference_drag(estimate.T, row, loop, rigid)
 
 
 @compiled
@@ -259,6 +295,12 @@ class Prediction:
         then = Estimate(estimate.array.copy())
         self._advance(then.array, action, 1, len(self.parts))
         _arrive(then.array, self.numbers[0])
+        return then
+
+    def with_reference_drag(self, estimate: Estimate) -> Estimate:
+        """Return an estimate with the forces that laws and networks get, see `add_reference_drag`."""
+        then = Estimate(estimate.array.copy())
+        _add_reference_drag(then.array, *self.numbers)
         return then
 
     def advance(self, estimate: Floats, action: Floats32) -> Floats:

@@ -38,6 +38,7 @@ import numpy as np
 
 from quadpend_baselines.controllers.law import ObserverKind
 from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.measurement import errors_of
 from quadpend_baselines.hybrid.deviations import deviation_part
 from quadpend_baselines.hybrid.history import history_part
 from quadpend_baselines.hybrid.innovations import innovations_part
@@ -118,14 +119,16 @@ class Hybrid:
         """Update the base controller's estimate and make the policy's observation.
 
         Args:
-            observation: Observation of the environment, shape (n, 36) or (n, 27).
+            observation: Observation of the environment, as the base controller reads it.
             memory: Memory that the last call of `act` returned; None at the first step.
             episode_start: Mask of the rows whose episode begins with this observation, shape (n,).
 
         Returns:
             The policy's observation, shape (n, m) with m from `observation_size`, and the memory for `act`.
         """
-        base, parts, rows = self.controller, self.parts(observation.shape[1]), len(observation)
+        base, rows = self.controller, len(observation)
+        errors = errors_of(observation, self._vehicle) if base.loop.in_world else observation
+        parts = self.parts(errors.shape[1])
         if memory is None:
             updated, action = base.update(observation, None, episode_start), np.zeros((rows, ACTION_SIZE), np.float32)
             own = np.zeros((rows, sum(part.memory_size for part in parts)))
@@ -133,7 +136,7 @@ class Hybrid:
             updated, started = base.update(observation, memory.controller, episode_start), episode_start[:, np.newaxis]
             own, action = np.where(started, 0.0, memory.inputs), np.where(started, np.float32(0.0), memory.action)
         base_action, updated = self._first_action(updated, rows)
-        seen = Seen(observation, action, base_action, *base.estimates(updated))
+        seen = Seen(errors, action, base_action, *base.estimates(updated))
         inputs, own = read_inputs(parts, seen, own)
         return inputs.astype(np.float32), HybridMemory(updated, base_action, own, action)
 
@@ -260,9 +263,13 @@ class MemoryOnly(Hybrid):
         """The teacher, or no controller."""
         return NoController(Simulation()) if isinstance(self.base_controller, str) else self.base_controller
 
+    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
+        """Return this hybrid with its teacher, which reads errors, too."""
+        return super().designed_for(simulation, (loop or Loop()).of_errors)
+
     def flown_in(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
-        return replace(self, base_controller=NoController(simulation, loop))
+        return replace(self, base_controller=NoController(simulation, (loop or Loop()).of_errors))
 
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""

@@ -17,7 +17,7 @@ from quadpend_gym.envs.inputs import check_action, clip_rounding
 from quadpend_gym.envs.spaces import action_space, meaning_of, observation_space
 from quadpend_gym.envs.world import world_of
 from quadpend_gym.physics.state import ACTION_SIZE
-from quadpend_gym.tasks.observation import PRESETS, as_layout
+from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK, PRESETS, as_layout
 from quadpend_gym.wrappers import last_observations, replace_final_observations
 
 NO_HYBRID = "hybrids balance an upright pendulum: the base controller does not fly a hanging load"
@@ -53,11 +53,16 @@ class VectorHybridWrapper(VectorWrapper):
         if world.task.pendulum != "upright":
             raise ValueError(NO_HYBRID)
         found = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid
+        if layout == LAB and found.reads == "measurements":
+            raise ValueError(
+                f"a hybrid {found.kind!r} reads errors: give the environment observation='output_feedback'"
+            )
         named = isinstance(found.base_controller, str)
         made = found.designed_for if teaches else found.flown_in
         loop = replace(loop or Loop(), observation=as_layout(layout))
         self.hybrid = made(world.simulation, loop) if named else found
-        self.single_observation_space = observation_space(self.hybrid.observation_size(as_layout(layout).size))
+        errors = OUTPUT_FEEDBACK if layout == LAB else as_layout(layout)
+        self.single_observation_space = observation_space(self.hybrid.observation_size(errors.size))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.single_action_space = action_space(hybrid=type(self.hybrid).__name__)
         self.memory: HybridMemory | None = None

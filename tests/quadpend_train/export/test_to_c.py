@@ -30,8 +30,8 @@ DOUBLE, NO_LIBM = "-DQUADPEND_DOUBLE", "-DQUADPEND_NO_LIBM"
 
 
 def scenario(name: str, **parts: Any) -> Scenario:
-    """A scenario without measured velocities."""
-    return replace(find_scenarios([name])[name], observation="output_feedback", **parts)
+    """A scenario with the observation of a lab."""
+    return replace(find_scenarios([name])[name], observation="lab", **parts)
 
 
 POLICIES = {name: scenario("flight_breeze") for name in ("lqg", "apg-flight-0", "apg-vehicles-safe-0")}
@@ -77,7 +77,7 @@ def test_networks_of_every_kind_are_written(inputs: int, hybrid: Any, tmp_path: 
 
 
 def vectors(source: Path) -> Floats:
-    """The golden vectors, shape (100, 38)."""
+    """The golden vectors, shape (100, 41)."""
     text = source.with_name(f"{source.stem}_check.c").read_text()
     table = text[text.index("vectors[") : text.index("range[4]")]
     return np.array([float(x) for x in re.findall(r"R\(([^()]+)\)", table)]).reshape(-1, SAMPLE_SIZE + 4)
@@ -98,7 +98,7 @@ def test_commands_stay_near_without_samples(exported: Path) -> None:
     policy, memory, commands = CPolicy(exported).adapt(POLICIES[name_of(exported)]), None, []
     for step, sample in enumerate(seen):
         rows = np.stack([sample, sample])
-        rows[1, :10] = np.nan if 60 <= step < 70 else rows[1, :10]
+        rows[1, :11] = np.nan if 60 <= step < 70 else rows[1, :11]
         command, memory = policy.command(rows, memory)
         commands.append(command)
     change = np.abs(np.diff(np.array(commands), axis=1) / (2.0 * policy.scale))[60:70]

@@ -23,10 +23,11 @@ import numpy as np
 from quadpend_baselines.estimation import kalman
 from quadpend_baselines.estimation.estimate import LOOP
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.estimation.measurement import measure_errors, measure_in_world
+from quadpend_baselines.estimation.measurement import errors_of_estimate, measure_errors, measure_in_world
 from quadpend_baselines.estimation.prediction import (
     BUFFER_SIZE,
     Prediction,
+    add_reference_drag,
     advance,
     arrive,
     unpack_loop,
@@ -39,7 +40,7 @@ from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.physics.vectors import Four
-from quadpend_gym.tasks.observation import FULL, LAB, ObservationLayout
+from quadpend_gym.tasks.observation import FULL, LAB, OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS, ObservationLayout
 from quadpend_gym.vehicles import Parameters
 
 
@@ -89,11 +90,20 @@ def advances(prediction: Prediction, size: int, kernel: Any = advance) -> tuple[
 
 
 def arrived(later: Any, prediction: Prediction) -> Any:
-    """Return an estimate, one row, at the time when the action acts: it was advanced by all parts of the loop."""
+    """Return an estimate, one row, at the time when the action acts: it was advanced by all parts of the loop.
+
+    It has the forces that laws and networks get.
+    """
     after, loop = row(later), numbers_of(prediction)[0]
     if loop.parts.shape[0] > 1:
         lift(arrive)(after.T, 0, loop)
-    return after
+    return with_reference_drag(after, prediction)
+
+
+def with_reference_drag(estimate: Any, prediction: Prediction) -> Any:
+    """Return an estimate, one row, with the forces that laws and networks get, changed in place."""
+    lift(add_reference_drag)(estimate.T, 0, *numbers_of(prediction))
+    return estimate
 
 
 def measurement(observed: Any, layout: ObservationLayout, vehicle: Parameters) -> Any:
@@ -104,6 +114,13 @@ def measurement(observed: Any, layout: ObservationLayout, vehicle: Parameters) -
     else:
         lift(measure_errors)(given, 0, layout == FULL, length, seen)
     return seen
+
+
+def errors(observed: Any, vehicle: Parameters) -> Any:
+    """Return the observation `OUTPUT_FEEDBACK` for the observation `LAB` of the believed pole."""
+    out = np.empty((1, OBSERVATION_SIZE), object)
+    lift(errors_of_estimate)(measurement(observed, LAB, vehicle).T, 0, vehicle.rod_length, out)
+    return ca.vertcat(*out[0, OUTPUT_FEEDBACK_COLUMNS])
 
 
 def correction(estimator: Estimator, layout: ObservationLayout) -> Any:

@@ -16,8 +16,8 @@
 typedef @name@_real real;
 #define R(x) ((real)(x))
 
-/* Position, quaternion, direction; seven derivatives of the reference, yaw reference; command. */
-static const real vectors[@steps@][38] = {
+/* Position, quaternion, direction, age; seven derivatives of the reference, yaw reference, pole; command. */
+static const real vectors[@steps@][41] = {
 @vectors@
 };
 static const real range[4] = {@ranges@}; /* of the command */
@@ -38,8 +38,10 @@ int main(void) {
     const real *expected = copy(3, vectors[k], measurement.position);
     expected = copy(4, expected, measurement.quaternion);
     expected = copy(3, expected, measurement.direction);
+    expected = copy(1, expected, &measurement.age);
     expected = copy(21, expected, reference.derivatives[0]);
     expected = copy(3, expected, reference.yaw);
+    expected = copy(2, expected, reference.pole);
     @name@_step(&policy, &measurement, &reference, &command);
     for (int i = 0; i < 4; ++i) {
       real found = i == 0 ? command.thrust : command.@turning@[i - 1], error = (found - expected[i]) / range[i];

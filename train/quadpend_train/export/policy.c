@@ -8,6 +8,8 @@ typedef @name@_real real;
 static inline real q_min(real a, real b) { return a < b ? a : b; }
 static inline real q_max(real a, real b) { return a > b ? a : b; }
 
+#define SEEN 37 /* numbers of a sample and a reference */
+#define ERRORS 27 /* numbers of the observation of tracking errors */
 #define KALMAN @kalman@
 #define ADRC @adrc@
 #define NETWORK @network@
@@ -17,6 +19,7 @@ static inline real q_max(real a, real b) { return a > b ? a : b; }
 #define PARTS @parts@ /* periods and parts of one that are predicted through */
 
 static const real SCALE[4] = {@scale@};
+static const real UNITS[SEEN] = {@units@}; /* of the observation */
 @tables@
 @functions@
 static void copy(int count, const real *from, real *to) {
@@ -66,38 +69,63 @@ static void network(const real *inputs, real *output) {
 void @name@_reset(@name@_policy *policy) { policy->running = 0; }
 
 /* Estimate the state, and choose the action. */
-static void act(@name@_policy *policy, int is_sample) {
+static void act(@name@_policy *policy) {
   const @name@_measurement *sample = &policy->sample;
-  real observed[27], next[MEMORY], extra[EXTRA];
+  const @name@_reference *target = &policy->target;
+  real observed[SEEN], next[MEMORY], extra[EXTRA];
   real *memory = policy->memory, *action = policy->action;
-  observe(sample->position, sample->quaternion, sample->direction, policy->target.derivatives[0], policy->target.yaw,
-          observed);
-  for (int i = 0; i < 27; ++i) observed[i] = single(observed[i]);
+  copy(3, sample->position, observed);
+  copy(4, sample->quaternion, observed + 3);
+  copy(3, sample->direction, observed + 7);
+  observed[10] = sample->age;
+  copy(21, target->derivatives[0], observed + 11);
+  copy(3, target->yaw, observed + 32);
+  copy(2, target->pole, observed + 35);
+  for (int i = 0; i < SEEN; ++i) observed[i] = single(observed[i] / UNITS[i]);
+#if NETWORK
+  real errors[ERRORS];
+  to_errors(observed, errors);
+  for (int i = 0; i < ERRORS; ++i) errors[i] = single(errors[i]);
+#endif
+#if KALMAN || ADRC
+  const real *seen_now = observed;
+#else
+  const real *seen_now = errors;
+#endif
   if (!policy->running) {
-    begin(observed, memory);
+    begin(seen_now, memory);
     for (int i = 0; i < 4; ++i) action[i] = 0;
     for (int i = 0; i < EXTRA; ++i) policy->extra[i] = 0;
     policy->running = 1;
     policy->age = 0;
   } else {
 #if KALMAN
+    int held = (int)(memory[HELD] + R(0.5)), row = held > COASTS ? FIRST_COAST + COASTS - 1 : FIRST_COAST + held - 1;
+    real verdict[2];
     predict(memory, action, 0, 1);
-    if (is_sample) {
-      correct(memory, observed, gains[gain_rows[policy->age]], next);
+    judge(memory, seen_now, next, verdict);
+    copy(MEMORY, next, memory);
+    if (verdict[0] > 0) {
+      miss(memory, seen_now, next);
+    } else if (verdict[1] > 0) {
+      begin_anew(memory, seen_now, next);
     } else {
-      miss(memory, observed, next);
+      correct(memory, seen_now, gains[gain_rows[held > 0 ? row : policy->age]], next);
     }
-    if (policy->age < (int)sizeof gain_rows - 1) ++policy->age;
-#else
-    (void)is_sample;
-#if ADRC
-    real plant[MEMORY];
+    if (policy->age < FIRST_COAST - 1) ++policy->age;
+#elif ADRC
+    real plant[MEMORY], verdict[2];
     release(memory, plant);
     predict(plant, action, 0, 1);
-    correct(memory, plant, observed, next);
+    judge(plant, seen_now, next, verdict);
+    copy(MEMORY, next, plant);
+    if (verdict[1] > 0) {
+      begin(seen_now, next);
+    } else {
+      correct(memory, plant, seen_now, verdict, next);
+    }
 #else
-    correct(memory, observed, next);
-#endif
+    correct(memory, seen_now, next);
 #endif
     copy(MEMORY, next, memory);
   }
@@ -110,7 +138,7 @@ static void act(@name@_policy *policy, int is_sample) {
 #endif
 #if NETWORK
   real seen[INPUTS];
-  inputs(observed, memory, later, action, policy->extra, seen, extra);
+  inputs(errors, memory, later, action, policy->extra, seen, extra);
   copy(EXTRA, extra, policy->extra);
   network(seen, policy->output);
 #endif
@@ -129,12 +157,15 @@ void @name@_step(@name@_policy *policy, const @name@_measurement *measurement, c
                  @name@_command *command) {
   const real largest = R(1e6); /* of a measurement or a reference */
   int is_sample = measurement && is_bounded(3, measurement->position, largest) &&
-                  is_bounded(4, measurement->quaternion, 2) && is_bounded(3, measurement->direction, 2);
-  int is_target = is_bounded(21, reference->derivatives[0], largest) && is_bounded(3, reference->yaw, largest);
+                  is_bounded(4, measurement->quaternion, 2) && is_bounded(3, measurement->direction, 2) &&
+                  is_bounded(1, &measurement->age, largest);
+  int is_target = is_bounded(21, reference->derivatives[0], largest) && is_bounded(3, reference->yaw, largest) &&
+                  is_bounded(2, reference->pole, largest) && reference->pole[0] > 0 && reference->pole[1] > 0;
+  policy->sample.age += R(@period@);
   if (is_sample) policy->sample = *measurement;
   if (is_target) policy->target = *reference;
   if (policy->running || (is_sample && is_target)) {
-    act(policy, is_sample);
+    act(policy);
     if (!(is_bounded(MEMORY, policy->memory, R(1e15)) && is_bounded(EXTRA, policy->extra, R(1e15)) &&
           is_bounded(@checked@, policy->memory, R(@limit@)) && is_bounded(4, policy->action, 2))) {
       policy->running = 0; /* begin again with the next sample */

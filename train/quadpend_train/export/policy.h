@@ -20,6 +20,8 @@
 #define @name@_INTERFACE "@interface@"
 #define @name@_VEHICLE "@vehicle@"
 
+#define @name@_POLE {@pole@} /* m and kg: the pole for which the policy is designed */
+
 #ifdef QUADPEND_DOUBLE
 typedef double @name@_real;
 #else
@@ -30,6 +32,7 @@ typedef struct {
   @name@_real position[3];   /* of the vehicle's centre, m, world frame */
   @name@_real quaternion[4]; /* attitude, body to world, order w, x, y, z, of length 1 */
   @name@_real direction[3];  /* unit vector along the pole, from its foot to its top, world frame */
+  @name@_real age;           /* time since it was measured, beyond the usual delay, s; 0: it is new */
 } @name@_measurement;
 
 /* What the tracked point (x + l r_x, y + l r_y, z) follows: (x, y, z) is the vehicle's centre of mass, r the direction of
@@ -37,7 +40,8 @@ typedef struct {
  * mass if the joint is at the vehicle's centre of mass. */
 typedef struct {
   @name@_real derivatives[7][3]; /* position (m), velocity, ..., sixth derivative (m/s^6), world frame */
-  @name@_real yaw[3];            /* yaw (rad), its rate and acceleration; it counts full turns without a jump */
+  @name@_real yaw[3];            /* yaw (rad), its rate and acceleration */
+  @name@_real pole[2];           /* what you believe: l (m) and the mass (kg), such as @name@_POLE */
 } @name@_reference;
 
 typedef struct {
@@ -56,7 +60,8 @@ typedef struct {
 void @name@_reset(@name@_policy *policy);
 
 /* One control step. A measurement that is NULL, or has a number that is not finite, is a missing sample: @missing@.
- * A reference that is not finite is replaced by the latest one. Before the first sample the command is that of hover. */
+ * A reference that is not finite, or has a pole without length or mass, is replaced by the latest one. Before the first
+ * sample the command is that of hover. */
 void @name@_step(@name@_policy *policy, const @name@_measurement *measurement, const @name@_reference *reference,
                  @name@_command *command);
 

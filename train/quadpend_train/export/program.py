@@ -11,41 +11,35 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines.controllers.output_feedback import OutputFeedback, actions_of, command_of
-from quadpend_baselines.estimation import deso, kalman
+from quadpend_baselines.estimation import deso, kalman, samples
 from quadpend_baselines.estimation.deso import DesoBank
 from quadpend_baselines.estimation.estimate import (
     DISTURBANCE,
-    INNOVATION,
     MASS_RATIO,
-    RIGID_PART,
     Estimate,
     is_bounded,
-    store_measured_reference,
 )
 from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.hybrid import EstimateOnly, ResidualAction
 from quadpend_baselines.hybrid.parts import InputPart, observed_part
 from quadpend_gym import Simulation
 from quadpend_gym.engines import columns, lift, vector
-from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
-from quadpend_gym.tasks.observation import (
-    OBSERVATION_SCALE,
-    OUTPUT_FEEDBACK,
-    OUTPUT_FEEDBACK_COLUMNS,
-    OUTPUT_FEEDBACK_SIZE,
-)
+from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.vehicles import Parameters
 from quadpend_train.common.lifted import (
     advances,
     arrived,
     correction,
+    errors,
     function,
     lifted_plant,
     measurement,
     numbers_of,
     row,
     seen_by,
+    with_reference_drag,
 )
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
@@ -65,20 +59,11 @@ class Program(NamedTuple):
     limit: float
 
 
-def _observe(position: Any, quaternion: Any, direction: Any, derivatives: Any, yaw: Any, length: float) -> Any:
-    """Return the observation without rates, shape (27,)."""
-    rotation = lift(rotation_matrix)(lift(normalised)(Quaternion(*ca.vertsplit(quaternion))))
-    euler = lift(euler_from_rotation)(rotation, yaw[0])  # within half a turn of the reference
-    error = position - derivatives[:3] + ca.vertcat(length * direction[:2], 0.0)
-    attitude = ca.vertcat(euler.x, euler.y, euler.z - yaw[0])
-    observed = ca.vertcat(error, direction, attitude, derivatives[6:], yaw)
-    return observed / OBSERVATION_SCALE[OUTPUT_FEEDBACK_COLUMNS]
-
-
 class _Base(NamedTuple):
     """A base controller, as a network needs it."""
 
     observer: Program
+    now: Callable[[Any], Any]  # (memory) → the estimate as a network gets it
     arrived: Callable[[Any, Any], Any]  # (memory, later) → the estimate at the time when the action acts, one row
     control: Callable[[Any, Any], Any]  # (this estimate, memory of the law) → its action, and the memory after it
     law_size: int  # of the memory of the law
@@ -86,21 +71,17 @@ class _Base(NamedTuple):
 
 def program(policy: Any, simulation: Simulation, part: InputPart) -> Program:
     """Return the control step of an adapted policy; `part` makes the observation that it reads."""
-    length = simulation.parameters.rod_length
-    observe = function(
-        "observe",
-        lambda **given: {"observed": _observe(**given, length=length)},
-        **{"position": 3, "quaternion": 4, "direction": 3, "derivatives": 21, "yaw": 3},
-    )
     hybrid = policy.hybrid if isinstance(policy, MlpPolicy) else None
     base = _base(policy if hybrid is None else hybrid.controller)
     if not isinstance(policy, MlpPolicy):
-        found = _with_law(base)
-    elif hybrid is None:
+        return _with_law(base)
+    if hybrid is None:
         found = _with_network(base, part, (observed_part(range(part.size)),), EstimateOnly)
     else:
         found = _with_network(base, part, hybrid.parts(part.size), type(hybrid), hybrid)
-    return found._replace(functions={"observe": observe, **found.functions})
+    p = simulation.parameters
+    to_errors = function("to_errors", lambda observed: {"errors": errors(observed, p)}, observed=LAB.size)
+    return found._replace(functions={"to_errors": to_errors, **found.functions})
 
 
 def _base(controller: Any) -> _Base:
@@ -112,11 +93,28 @@ def _base(controller: Any) -> _Base:
         return _with_control(_kalman(controller.estimator), controller, lambda *_: None)
     size = OUTPUT_FEEDBACK_SIZE  # the memory is the observation
     functions = {
-        "begin": function("begin", lambda observed: {"memory": observed}, observed=size),
-        "correct": function("correct", lambda memory, observed: {"next": observed}, memory=size, observed=size),
+        "begin": function("begin", lambda errors: {"memory": errors}, errors=size),
+        "correct": function("correct", lambda memory, errors: {"next": errors}, memory=size, errors=size),
     }
     observer = Program(functions, [], size, 0, 0, 0, 1.0)
-    return _Base(observer, lambda memory, later: row(later), lambda later, law: (ca.SX(ACTION_SIZE, 1), law), 0)
+    return _Base(
+        observer,
+        lambda memory: memory,
+        lambda memory, later: row(later),
+        lambda later, law: (ca.SX(ACTION_SIZE, 1), law),
+        0,
+    )
+
+
+def _judge(size: int, vehicle: Parameters, period: float) -> Any:
+    """Return the verdict on a sample, (memory, observed) → (next, verdict)."""
+
+    def judge(memory: Any, observed: Any) -> dict[str, Any]:
+        after = columns(memory)
+        verdict = lift(samples.judge)(after, 0, measurement(observed, LAB, vehicle), period, 1.0)
+        return {"next": vector(after), "verdict": vector(verdict)}
+
+    return function("judge", judge, memory=size, observed=LAB.size)
 
 
 def _kalman(found: Estimator) -> Program:
@@ -128,18 +126,24 @@ def _kalman(found: Estimator) -> Program:
 
     def begin(observed: Any) -> dict[str, Any]:
         memory = np.zeros((size, 1), object)
-        lift(kalman.begin)(memory, 0, measurement(observed, OUTPUT_FEEDBACK, vehicle), False, pendulum, rigid)
+        lift(kalman.begin)(memory, 0, measurement(observed, LAB, vehicle), False, pendulum, rigid)
         return {"memory": vector(memory)}
 
     def miss(memory: Any, observed: Any) -> dict[str, Any]:
         after = columns(memory)
-        lift(store_measured_reference)(after, 0, measurement(observed, OUTPUT_FEEDBACK, vehicle))
-        after[INNOVATION:RIGID_PART] = 0.0  # nothing was measured
+        lift(kalman.miss)(after, 0, measurement(observed, LAB, vehicle))
         return {"next": vector(after)}
 
-    functions["begin"] = function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)
-    functions["miss"] = function("miss", miss, memory=size, observed=OUTPUT_FEEDBACK_SIZE)
-    functions["correct"] = correction(found, OUTPUT_FEEDBACK)
+    def begin_anew(memory: Any, observed: Any) -> dict[str, Any]:
+        after = columns(memory)
+        lift(kalman.begin_anew)(after, 0, measurement(observed, LAB, vehicle), rigid)
+        return {"next": vector(after)}
+
+    functions["begin"] = function("begin", begin, observed=LAB.size)
+    functions["miss"] = function("miss", miss, memory=size, observed=LAB.size)
+    functions["begin_anew"] = function("begin_anew", begin_anew, memory=size, observed=LAB.size)
+    functions["judge"] = _judge(size, vehicle, found.simulation.period)
+    functions["correct"] = correction(found, LAB)
     return Program(functions, names, size, 0, size, STATE_SIZE, kalman.MAX_ESTIMATE)
 
 
@@ -152,9 +156,7 @@ def _deso(found: DesoBank) -> Program:
 
     def begin(observed: Any) -> dict[str, Any]:
         memory = np.zeros((size, 1), object)
-        lift(deso.begin)(
-            memory, 0, measurement(observed, OUTPUT_FEEDBACK, vehicle), False, found.bank.mismatch, model, rigid
-        )
+        lift(deso.begin)(memory, 0, measurement(observed, LAB, vehicle), False, found.bank.mismatch, model, rigid)
         return {"memory": vector(memory)}
 
     def release(memory: Any) -> dict[str, Any]:
@@ -162,15 +164,16 @@ def _deso(found: DesoBank) -> Program:
         released[DISTURBANCE:MASS_RATIO] = 0.0
         return {"plant": vector(released)}
 
-    def correct(memory: Any, plant: Any, observed: Any) -> dict[str, Any]:
+    def correct(memory: Any, plant: Any, observed: Any, verdict: Any) -> dict[str, Any]:
         after, kernel = columns(plant), lift(deso.correct, {is_bounded: lambda *_: True})
-        seen = measurement(observed, OUTPUT_FEEDBACK, vehicle)
-        kernel(after, 0, columns(memory), seen, False, (0.0, 0.0, 0), bank, found.bank, model, rigid)
+        seen = measurement(observed, LAB, vehicle)
+        kernel(after, 0, columns(memory), seen, False, (verdict[0], 1.0, 0), bank, found.bank, model, rigid)
         return {"next": vector(after)}
 
-    functions["begin"] = function("begin", begin, observed=OUTPUT_FEEDBACK_SIZE)
+    functions["begin"] = function("begin", begin, observed=LAB.size)
     functions["release"] = function("release", release, memory=size)
-    functions["correct"] = function("correct", correct, memory=size, plant=size, observed=OUTPUT_FEEDBACK_SIZE)
+    functions["judge"] = _judge(size, vehicle, found.simulation.period)
+    functions["correct"] = function("correct", correct, memory=size, plant=size, observed=LAB.size, verdict=2)
     return Program(functions, names, size, 0, size, 0, 1.0)
 
 
@@ -193,7 +196,10 @@ def _with_control(observer: Program, base: OutputFeedback, shift: Any) -> _Base:
         action, after = act(base._law, prediction, Estimate(later), last)
         return vector(action), vector(after) if law_size else law_memory
 
-    return _Base(observer, arrive, control, law_size)
+    def now(memory: Any) -> Any:
+        return vector(with_reference_drag(row(memory), prediction))
+
+    return _Base(observer, now, arrive, control, law_size)
 
 
 def _with_law(base: _Base) -> Program:
@@ -217,13 +223,13 @@ def _with_network(
     own_size = sum(part.memory_size for part in parts)
     starts = np.cumsum([0, reads.memory_size, own_size, base.law_size * acts, ACTION_SIZE]).tolist()
 
-    def inputs(observed: Any, memory: Any, later: Any, action: Any, extra: Any) -> dict[str, Any]:
+    def inputs(errors: Any, memory: Any, later: Any, action: Any, extra: Any) -> dict[str, Any]:
         read, own, law_memory, base_action = ca.vertsplit(extra, starts)
         after = base.arrived(memory, later)
         if acts:
             base_action, law_memory = base.control(after, law_memory)
-        given = action, base_action, memory, after
-        chosen, read = seen_by((reads,), observed, *given, read)
+        given = action, base_action, base.now(memory), after
+        chosen, read = seen_by((reads,), errors, *given, read)
         seen, own = seen_by(parts, chosen, *given, own)
         return {"seen": seen, "next_extra": ca.vertcat(read, own, law_memory, base_action)}
 
@@ -235,7 +241,7 @@ def _with_network(
     functions = {
         **base.observer.functions,
         "inputs": function(
-            "inputs", inputs, observed=OUTPUT_FEEDBACK_SIZE, **sizes, action=ACTION_SIZE, extra=starts[-1]
+            "inputs", inputs, errors=OUTPUT_FEEDBACK_SIZE, **sizes, action=ACTION_SIZE, extra=starts[-1]
         ),
         "law": function("law", law, **sizes, extra=starts[-1], output=ACTION_SIZE),
     }

@@ -14,14 +14,16 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines import Policy
+from quadpend_baselines.estimation.estimate import HELD
 from quadpend_baselines.estimation.kalman import Estimator
+from quadpend_baselines.estimation.samples import COASTS
 from quadpend_baselines.hybrid.parts import InputPart, observed_part
-from quadpend_baselines.policy.protocol import SelectedFields
+from quadpend_baselines.policy.protocol import FedErrors
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_gym.sensors import Delay
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK_SIZE
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.files import atomic
 from quadpend_train.export.program import program
@@ -31,9 +33,9 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 
 _FOLDER = Path(__file__).parent
 _STEPS = 100  # golden vectors
-# Corrections from which on a gain of the Kalman filter, in single precision, is used: 20 at the beginning, then the
-# steady one
-GAIN_STEPS = (*range(10), 11, 13, 15, 18, 22, 27, 34, 43, 55, 72, 99)
+# Rows of its table from which on a gain of the Kalman filter, in single precision, is used: 20 at the beginning, the
+# steady one, and those after coasts
+GAIN_STEPS = (*range(10), 11, 13, 15, 18, 22, 27, 34, 43, 55, 72, 99, 100, 101, 103, 105, 109, 114, 121)
 _ACTIVATIONS = {"relu": "q_max({0}, 0)", "tanh": "q_tanh({0})", "elu": "{0} > 0 ? {0} : q_exp({0}) - 1"}
 _HOLDS = "the latest one is held"
 _PREDICTS = "the observer\n * predicts"
@@ -47,7 +49,7 @@ def export_c(
     Args:
         policy: The policy, not adapted.
         name: Its name, for comments.
-        scenario: The scenario. Velocities are not measured, as in scenarios with the observation ``"output_feedback"``.
+        scenario: The scenario, with the observation ``"lab"``.
         out: The source to write; the header and the golden vectors (``_check.c``) are written beside it.
         gain_steps: Corrections from which on a gain of the Kalman filter is used.
 
@@ -60,7 +62,7 @@ def export_c(
     stem = out.stem
     if out.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", stem, re.ASCII):
         raise ValueError(f"the name of a C file must be letters, digits and _, and end with .c, not {out.name!r}")
-    scenario = replace(scenario, observation=OUTPUT_FEEDBACK)
+    scenario = replace(scenario, observation=LAB)
     adapted = adapt(policy, name, scenario, gain_steps)
     inner, part = _inner(adapted)
     simulation, found = scenario.simulation, program(inner, scenario.simulation, part)
@@ -98,6 +100,8 @@ def export_c(
         "checked": found.checked,
         "limit": found.limit,
         "scale": _numbers(scale),
+        "units": _numbers(LAB.scale),
+        "pole": f"{simulation.parameters.rod_length!r}, {simulation.parameters.bob_mass!r}",
         "tables": tables,
         "functions": "\n".join(scalar_c(function) for function in functions.values()),
         "advances": ", ".join(found.parts),
@@ -161,11 +165,12 @@ def scenario_for(policy: Policy, name: str) -> str:
 
 def _inner(adapted: Any) -> tuple[Any, InputPart]:
     """Return a policy and what it reads: some fields, rates from differences, or the observation."""
+    read: Any = slice(None)
+    if isinstance(adapted, FedErrors):
+        adapted, read = adapted.policy, adapted.read
     if isinstance(adapted, FiniteDifferencePolicy):
         return adapted.policy, adapted.part
-    if isinstance(adapted, SelectedFields):
-        return adapted.policy, observed_part(np.arange(OUTPUT_FEEDBACK_SIZE)[adapted.columns].tolist())
-    return adapted, observed_part(range(OUTPUT_FEEDBACK_SIZE))
+    return adapted, observed_part(np.arange(OUTPUT_FEEDBACK_SIZE)[read].tolist())
 
 
 def _base(policy: Any) -> Any:
@@ -210,6 +215,7 @@ def _gain_tables(observer: Estimator, gain_steps: Sequence[int]) -> str:
     used_rows = np.searchsorted(gain_steps, _gain_rows(len(every), gain_steps))
     table = every[:, every.any(axis=0)][list(gain_steps)]
     return (
+        f"#define HELD {HELD}\n#define COASTS {COASTS}\n#define FIRST_COAST {len(every) - COASTS}\n"
         f"static const unsigned char gain_rows[{len(used_rows)}] = {{\n{_lines(map(str, used_rows))}}};\n"
         f"static const real gains[{len(table)}][{table[0].size}] = {{\n"
         + ",\n".join(f"{{{_numbers(gain.ravel())}}}" for gain in table)
@@ -257,7 +263,7 @@ def _vectors(policy: Policy, scenario: Scenario) -> str:
     scale = scenario.simulation.command_scale
     for step in range(_STEPS):
         action, memory = policy.predict(observation, memory, np.array([step == 0]))
-        sample = samples_of(observation, scenario.simulation.parameters.rod_length)[0]
+        sample = samples_of(observation)[0]
         command = scale * action[0].astype(float) + [scale[0], 0.0, 0.0, 0.0]
         rows.append(f"  {{{_numbers([*sample, *command])}}}")
         observation, *_ = envs.step(action)

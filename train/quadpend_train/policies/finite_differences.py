@@ -6,10 +6,10 @@ import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_baselines.hybrid.parts import InputPart, Seen
-from quadpend_baselines.policy.protocol import PolicyWrapper, episode_start_mask, fed_by_name
+from quadpend_baselines.policy.protocol import FedErrors, PolicyWrapper, episode_start_mask, fed_by_name
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import ObservationLayout
+from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK, ObservationLayout
 
 # Fields of rates and the fields of which they are the rates.
 _RATES = {"tracking_error_rate": "tracking_error", "direction_rate": "direction", "euler_rate": "attitude"}
@@ -88,12 +88,16 @@ class FiniteDifferencePolicy(PolicyWrapper):
 def with_velocities(policy: Policy, scenario: Scenario) -> Policy:
     """Return a policy for a scenario by the names of its fields; rates that are not observed are differences."""
     seen = scenario.observation
-    if policy.layouts is None or any(set(layout) <= set(seen) for layout in policy.layouts):
+    in_world = set(LAB) <= set(seen)
+    known = {*seen, *OUTPUT_FEEDBACK} if in_world else set(seen)
+    if policy.layouts is None or any(set(layout) <= known for layout in policy.layouts):
         return fed_by_name(policy, scenario)
     read = policy.layouts[0]
     needed = {_RATES.get(name, name) for name in read if name not in seen}
     if "attitude" in needed:
         needed.add("yaw_reference")
-    if not needed <= set(seen):
-        return fed_by_name(policy, scenario)
-    return FiniteDifferencePolicy(policy, read, seen, scenario.simulation.period)
+    period = scenario.simulation.period
+    if needed <= set(OUTPUT_FEEDBACK) and in_world:
+        differences: Policy = FiniteDifferencePolicy(policy, read, OUTPUT_FEEDBACK, period)
+        return FedErrors(differences, seen.select(LAB), slice(None), scenario.simulation.parameters)
+    return FiniteDifferencePolicy(policy, read, seen, period) if needed <= set(seen) else fed_by_name(policy, scenario)

@@ -32,7 +32,7 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK, ObservationLayout, as_layout
+from quadpend_gym.tasks.observation import FULL, LAB, OUTPUT_FEEDBACK, ObservationLayout, as_layout
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
 from quadpend_train.policies.finite_differences import with_velocities
@@ -87,6 +87,8 @@ class MlpPolicy(Policy):
         self.layouts = tuple(layout for layout, size in zip(layouts, sizes, strict=True) if size == inputs)
         if not self.layouts:
             raise ValueError(f"the network takes {inputs:g} numbers, not {' or '.join(map(str, sizes))}")
+        if self.hybrid and self.hybrid.reads == "estimates" and OUTPUT_FEEDBACK in self.layouts:
+            self.layouts = (*self.layouts, LAB)  # its observer reads positions in the world
         with np.errstate(invalid="ignore"):
             output = self.forward(np.zeros((1, int(inputs)), np.float32))
         if output.shape != (1, ACTION_SIZE) or output.dtype != np.float32 or not np.isfinite(output).all():

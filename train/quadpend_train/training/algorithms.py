@@ -18,6 +18,7 @@ from quadpend_train.policies.mlp_policy import MlpPolicy, check_interface
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, linear_layers
 from quadpend_train.training.apg import APG, check_apg
 from quadpend_train.training.arguments import as_python, linear_schedule
+from quadpend_train.training.environment import observed_scenarios
 from quadpend_train.training.settings import ALONE, TrainSettings
 
 # Fields of a card that must be the same, with their defaults
@@ -54,7 +55,7 @@ def _apg(settings: TrainSettings) -> dict[str, Any]:
     check_apg(settings)
     apg = settings.apg
     return {
-        "scenarios": list(settings.scenarios),
+        "scenarios": observed_scenarios(settings),
         "apg": apg,
         "learning_rate": linear_schedule(apg.learning_rate, apg.final_learning_rate),
         "policy_kwargs": {"net_arch": list(apg.net_arch), "activation_fn": ACTIVATION_MODULES[apg.activation_fn]},

@@ -12,6 +12,7 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
 from quadpend_gym import RewardWeights
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK
 from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
@@ -68,10 +69,20 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
     return replace(scenario, task=replace(scenario.task, reward=replace(reward, pendulum_first=least)))
 
 
+def observed_scenarios(settings: TrainSettings) -> list[Scenario]:
+    """Return the scenarios of a run as its learner observes them: without an observer, errors in place of `LAB`."""
+    data = settings.hybrid.as_data()
+    if data is not None and hybrid_from_data(data).reads == "estimates":
+        return list(settings.scenarios)
+    return [
+        replace(item, observation=OUTPUT_FEEDBACK) if item.observation == LAB else item for item in settings.scenarios
+    ]
+
+
 def make_env(settings: TrainSettings, teaches: bool = False) -> SB3VecEnv:
     """Return the training environment for Stable-Baselines3; `teaches`: its base controllers label for an imitation."""
     steps, hybrid = settings.max_episode_steps or None, settings.hybrid
-    scenarios = [_with_reward(scenario, settings.reward) for scenario in settings.scenarios]
+    scenarios = [_with_reward(scenario, settings.reward) for scenario in observed_scenarios(settings)]
     env = concatenate_scenarios(scenarios, settings.num_envs, steps, hybrid.as_data(), teaches)
     if hybrid.baseline_relative_reward:
         baseline = concatenate_scenarios(scenarios, settings.num_envs, steps)

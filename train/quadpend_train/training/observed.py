@@ -23,12 +23,12 @@ from quadpend_baselines.hybrid.parts import InputPart
 from quadpend_baselines.hybrid.situation import root
 from quadpend_gym import engines
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.engines import lift
+from quadpend_gym.engines import lift, vector
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
-from quadpend_gym.tasks.observation import ALL, FULL, ObservationLayout
+from quadpend_gym.tasks.observation import ALL, FULL, LAB, ObservationLayout
 from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
-from quadpend_train.common.lifted import advances, arrived, correction, row, seen_by
+from quadpend_train.common.lifted import advances, arrived, correction, errors, row, seen_by, with_reference_drag
 
 _LEAST_SQUARE = 1e-8  # bounds the slope of a root mean square of the situation
 
@@ -112,7 +112,13 @@ def observation_step(observer: Observer) -> Any:
             ahead = functions[name](ahead, action)
         later = arrived(ahead, observer.estimator.prediction)
     if observer.parts:
-        given = observed, action, ca.SX(ACTION_SIZE, 1), memory, later, extra
+        known = observed
+        if observer.layout == LAB and observer.estimator is not None:
+            known = errors(observed, observer.estimator.simulation.parameters)
+        now = memory
+        if observer.estimator is not None:
+            now = vector(with_reference_drag(row(memory), observer.estimator.prediction))
+        given = known, action, ca.SX(ACTION_SIZE, 1), now, later, extra
         seen, extra = seen_by(observer.parts, *given, {root: lift(_bounded_root)})
     observation = ca.vertcat(seen, ca.SX(observer.size - seen.numel(), 1))
     results, names = [ca.vertcat(memory, extra), observation], ["next_belief", "observation"]
