@@ -30,7 +30,8 @@ from quadpend_gym.physics.state import DIRECTION, EULER, POSITION, STATE_SIZE
 from quadpend_gym.physics.vectors import load
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.scenarios.scenario import wind_models
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
+from quadpend_gym.tasks.observation import LAB
+from quadpend_gym.vehicles.parameters import BOB_MASS, ROD_LENGTH
 from quadpend_gym.viewer.snapshot import shape_of
 from quadpend_train.export import to_c
 from quadpend_train.policies.loading import load_policy
@@ -53,9 +54,9 @@ _SECTION = b"\x06source"  # name of the section with the hash, after its length
 
 
 def design(vehicle: str) -> Scenario:
-    """Return the scenario for which the policies of a vehicle are designed, without velocities as in C."""
+    """Return the scenario for which the policies of a vehicle are designed, with the observation of C."""
     name = VEHICLES[vehicle][0]
-    return replace(find_scenarios([name])[name], observation=OUTPUT_FEEDBACK)
+    return replace(find_scenarios([name])[name], observation=LAB)
 
 
 def flown(vehicle: str, **wind: Any) -> Scenario:
@@ -126,7 +127,7 @@ def _vehicle_c(vehicle: str) -> str:
     wind = ca.SX.sym("wind", 6)
     after = plant(state, memory, action, ca.vertcat(wind, ca.SX.zeros(6)), parameters)
     attitude = vector(lift(quaternion_from_euler)(lift(load)(columns(state), EULER, 0)))
-    sample = ca.vertcat(state[POSITION : POSITION + 3], attitude, state[DIRECTION : DIRECTION + 3])
+    sample = ca.vertcat(state[POSITION : POSITION + 3], attitude, state[DIRECTION : DIRECTION + 3], 0.0)
     _, error = observation_function()(state, parameters, target)
     functions = (
         ca.Function(
@@ -151,7 +152,7 @@ def _vehicle_c(vehicle: str) -> str:
         "state": _numbers(start[0]),
         "memory_start": _numbers([*memory_start, 0.0]),
         "scale": _numbers(simulation.command_scale),
-        "target": _numbers(target),
+        "target": _numbers([*target, *parameters[[ROD_LENGTH, BOB_MASS]]]),
         "functions": "\n".join(scalar_c(function) for function in functions),
         "policies": "\n".join(f"static {stem}_policy policy_{k};" for k, stem in enumerate(stems)),
         "cases": "\n".join(cases),

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines.controllers.law import ObserverKind
+from quadpend_baselines.estimation.feeding import fed_by_name
 from quadpend_baselines.estimation.loop import READABLE, Loop
-from quadpend_baselines.policy.protocol import Policy, PolicyWrapper, fed_by_name
+from quadpend_baselines.policy.protocol import Policy, PolicyWrapper
 from quadpend_baselines.policy.told import for_told_pole
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32

@@ -112,6 +112,7 @@ BEHIND = OBSERVERS_SIZE + COMMAND_SIZE  # numbers behind those of `estimation.es
 _MAX_ESTIMATE = 1e15  # an observer whose states exceed it starts again
 _MAX_RATE = 100.0  # rad/s, limit of estimated rates
 _MAX_STATE = 1e3  # a predicted state beyond it is not used
+WIDTH = 3.0  # see `samples.judge`: a sample is expected where the one before was, since rates can be far off
 _LEAST_JUMP = 1e-3  # m and rad, of the reference
 _MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
 
@@ -396,7 +397,7 @@ def _observe(
         if started[row]:
             begin(memory, row, lanes, has_rates, numbers.mismatch, model, rigid)
         else:
-            verdict = judge(memory, row, lanes, numbers.period, doubts)
+            verdict = judge(memory, before.T, row, lanes, numbers.period, doubts, WIDTH)
             if verdict.begins > 0.0:
                 begin(memory, row, lanes, has_rates, numbers.mismatch, model, rigid)
             else:

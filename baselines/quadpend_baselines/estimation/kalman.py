@@ -229,7 +229,7 @@ def _observe(
             begin(memory, row, lanes, has_rates, model, rigid)
         else:
             gain = table[gain_row(out[row, AGE], out[row, HELD], table.shape[0])]
-            verdict = judge(memory, row, lanes, loop.parts[0, 0], doubts)
+            verdict = judge(memory, memory, row, lanes, loop.parts[0, 0], doubts, 1.0)
             if verdict.missing > 0.0:
                 miss(memory, row, lanes)
             elif verdict.begins > 0.0:

@@ -46,23 +46,30 @@ def remember(memory: Any, lane: int, seen: Any) -> float:
 
 
 @inlined
-def judge(memory: Any, lane: int, seen: Any, period: float, doubts: float) -> Verdict:
+def judge(memory: Any, expected: Any, lane: int, seen: Any, period: float, doubts: float, width: float) -> Verdict:
     """Return the verdict on a sample for an estimate that was advanced to its time, and count it in the estimate.
 
-    `doubts` is 1, or 0 for observations whose samples are always used; the period is in s.
+    Args:
+        memory: The estimate.
+        expected: Lanes with the state that is expected.
+        lane: Their column.
+        seen: The measurement.
+        period: Control period, s.
+        doubts: 1, or 0 for observations whose samples are always used.
+        width: Factor on equation (1).
     """
     change, off, turned = remember(memory, lane, seen), 0.0, 0.0
     for k in range(3):
-        error = seen[POSITION + k, lane] - memory[ANCHOR + k, lane] - memory[STATE + POSITION + k, lane]
+        error = seen[POSITION + k, lane] - memory[ANCHOR + k, lane] - expected[STATE + POSITION + k, lane]
         off += error * error
-        error = seen[DIRECTION + k, lane] - memory[STATE + DIRECTION + k, lane]
+        error = seen[DIRECTION + k, lane] - expected[STATE + DIRECTION + k, lane]
         turned += error * error
     held, t = memory[HELD, lane], period * (memory[HELD, lane] + 1.0)
     repeated = select(change > 0.0, 0.0, memory[REPEATED, lane] + 1.0)
     is_repeated = select(repeated > 0.5, select(repeated * period > REPEATS, 0.0, 1.0), 0.0)
     absent = doubts * select(seen[AGE, lane] > 0.0, 1.0, is_repeated)
-    position = _LIMITS[0][0] + t * (_LIMITS[1][0] + 0.5 * t * _LIMITS[2][0])
-    direction = _LIMITS[0][1] + t * (_LIMITS[1][1] + 0.5 * t * _LIMITS[2][1])
+    position = width * (_LIMITS[0][0] + t * (_LIMITS[1][0] + 0.5 * t * _LIMITS[2][0]))
+    direction = width * (_LIMITS[0][1] + t * (_LIMITS[1][1] + 0.5 * t * _LIMITS[2][1]))
     far = select(off > position * position, 1.0, select(turned > direction * direction, 1.0, 0.0))
     far *= doubts * (1.0 - absent)
     refused = absent * memory[REFUSED, lane] + far * (memory[REFUSED, lane] + 1.0)

@@ -10,12 +10,12 @@ static inline real q_max(real a, real b) { return a > b ? a : b; }
 
 #define MEMORY @memory@
 static const real START_STATE[18] = {@state@}, START_MEMORY[MEMORY + 1] = {@memory_start@};
-static const real SCALE[4] = {@scale@}, TARGET[24] = {@target@};
+static const real SCALE[4] = {@scale@}, TARGET[26] = {@target@};
 @functions@
 @policies@
 /* What the page reads and writes: the state, the tracking error (m), and the wind (N on the vehicle, N on the bob). */
 static struct { real state[18], error[3], wind[6]; } data;
-static real memory[MEMORY + 1], sample[10];
+static real memory[MEMORY + 1], sample[11];
 static int flying = -1; /* number of the policy */
 
 static void copy(int count, const real *from, real *to) {

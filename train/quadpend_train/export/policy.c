@@ -103,7 +103,7 @@ static void act(@name@_policy *policy) {
     int held = (int)(memory[HELD] + R(0.5)), row = held > COASTS ? FIRST_COAST + COASTS - 1 : FIRST_COAST + held - 1;
     real verdict[2];
     predict(memory, action, 0, 1);
-    judge(memory, seen_now, next, verdict);
+    judge(memory, memory, seen_now, next, verdict);
     copy(MEMORY, next, memory);
     if (verdict[0] > 0) {
       miss(memory, seen_now, next);
@@ -117,7 +117,7 @@ static void act(@name@_policy *policy) {
     real plant[MEMORY], verdict[2];
     release(memory, plant);
     predict(plant, action, 0, 1);
-    judge(plant, seen_now, next, verdict);
+    judge(plant, memory, seen_now, next, verdict);
     copy(MEMORY, next, plant);
     if (verdict[1] > 0) {
       begin(seen_now, next);

@@ -106,15 +106,15 @@ def _base(controller: Any) -> _Base:
     )
 
 
-def _judge(size: int, vehicle: Parameters, period: float) -> Any:
-    """Return the verdict on a sample, (memory, observed) → (next, verdict)."""
+def _judge(size: int, vehicle: Parameters, period: float, width: float) -> Any:
+    """Return the verdict on a sample, (memory, expected, observed) → (next, verdict); see `samples.judge`."""
 
-    def judge(memory: Any, observed: Any) -> dict[str, Any]:
-        after = columns(memory)
-        verdict = lift(samples.judge)(after, 0, measurement(observed, LAB, vehicle), period, 1.0)
+    def judge(memory: Any, expected: Any, observed: Any) -> dict[str, Any]:
+        after, seen = columns(memory), measurement(observed, LAB, vehicle)
+        verdict = lift(samples.judge)(after, columns(expected), 0, seen, period, 1.0, width)
         return {"next": vector(after), "verdict": vector(verdict)}
 
-    return function("judge", judge, memory=size, observed=LAB.size)
+    return function("judge", judge, memory=size, expected=size, observed=LAB.size)
 
 
 def _kalman(found: Estimator) -> Program:
@@ -142,7 +142,7 @@ def _kalman(found: Estimator) -> Program:
     functions["begin"] = function("begin", begin, observed=LAB.size)
     functions["miss"] = function("miss", miss, memory=size, observed=LAB.size)
     functions["begin_anew"] = function("begin_anew", begin_anew, memory=size, observed=LAB.size)
-    functions["judge"] = _judge(size, vehicle, found.simulation.period)
+    functions["judge"] = _judge(size, vehicle, found.simulation.period, 1.0)
     functions["correct"] = correction(found, LAB)
     return Program(functions, names, size, 0, size, STATE_SIZE, kalman.MAX_ESTIMATE)
 
@@ -172,7 +172,7 @@ def _deso(found: DesoBank) -> Program:
 
     functions["begin"] = function("begin", begin, observed=LAB.size)
     functions["release"] = function("release", release, memory=size)
-    functions["judge"] = _judge(size, vehicle, found.simulation.period)
+    functions["judge"] = _judge(size, vehicle, found.simulation.period, deso.WIDTH)
     functions["correct"] = function("correct", correct, memory=size, plant=size, observed=LAB.size, verdict=2)
     return Program(functions, names, size, 0, size, 0, 1.0)
 

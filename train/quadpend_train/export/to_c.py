@@ -15,10 +15,10 @@ import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_baselines.estimation.estimate import HELD
+from quadpend_baselines.estimation.feeding import FedErrors
 from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.estimation.samples import COASTS
 from quadpend_baselines.hybrid.parts import InputPart, observed_part
-from quadpend_baselines.policy.protocol import FedErrors
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
@@ -108,7 +108,7 @@ def export_c(
         "layers": layers,
         "steps": _STEPS,
         "tolerance": "1e-2" if _is_fast(inner) else "1e-4",
-        "tolerance_double": "1e-6" if is_network and inner.hybrid and inner.hybrid.kind != "estimate_only" else "1e-10",
+        "tolerance_double": "1e-6" if _is_rounded(inner) else "1e-10",
         "vectors": _vectors(adapted, scenario),
         "ranges": _numbers(2.0 * scale),
     }
@@ -185,6 +185,12 @@ def _is_fast(policy: Any) -> bool:
     if getattr(base, "observer", "none") != "deso":
         return False
     return bool(max(gains.bandwidth for _, gains in base.estimator.observers) * base.simulation.period > 1.0)
+
+
+def _is_rounded(policy: Any) -> bool:
+    """Return whether a difference in the last digit of double precision is one in that of single precision."""
+    hybrid = getattr(policy, "hybrid", None)
+    return _is_fast(policy) or (hybrid is not None and hybrid.kind != "estimate_only")
 
 
 def _observer(policy: Any) -> Any:

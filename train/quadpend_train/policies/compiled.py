@@ -12,8 +12,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from quadpend_baselines import Policy
+from quadpend_baselines.estimation.feeding import fed_by_name
 from quadpend_baselines.estimation.measurement import measurement_from_observation
-from quadpend_baselines.policy.protocol import episode_start_mask, fed_by_name
+from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.c_library import load_c

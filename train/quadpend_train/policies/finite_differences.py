@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
+from quadpend_baselines.estimation.feeding import FedErrors, fed_by_name
 from quadpend_baselines.hybrid.parts import InputPart, Seen
-from quadpend_baselines.policy.protocol import FedErrors, PolicyWrapper, episode_start_mask, fed_by_name
+from quadpend_baselines.policy.protocol import PolicyWrapper, episode_start_mask
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK, ObservationLayout
