@@ -143,8 +143,10 @@ def advance(
         for i in range(RIGID_SIZE):
             buffer[RIGID + i, 0] = memory[RIGID_PART + i, lane]
         store(air, 0, 0, Vec3(0.0, 0.0, 0.0))
-        inputs = lanes, issued, numbers, forces, air, air, parameters  # there is no hand
-        integrate_rigid(release, *inputs, rigid, 1, period, substeps, command)
+        hand = air  # not read
+        integrate_rigid(
+            release, lanes, issued, numbers, forces, air, hand, parameters, rigid, 1, period, substeps, command
+        )
         for i in range(RIGID_SIZE):
             memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
     for i in range(STATE_SIZE):
