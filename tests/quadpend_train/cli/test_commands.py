@@ -71,6 +71,10 @@ def test_the_overview_imports_no_library() -> None:
     [
         (["evalute"], "there is no command 'evalute' (did you mean 'evaluate'?); the commands are list, train"),
         (["evaluate", "--scenarios", '{"wind": "strom"}'], "there is no wind 'strom' (did you mean 'storm'?)"),
+        (
+            ["preflight", "lqg", "--scenario", "flight-motion"],
+            "a data sheet is of one scenario: choose one of flight_circle",
+        ),
         (["card", "ppo-alone"], "there is no policy 'ppo-alone' (did you mean 'ppo-alone-0'?)"),
     ],
     ids=lambda item: " ".join(item) if isinstance(item, list) else "",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadpend_baselines import controller
-from quadpend_gym.scenarios import SCENARIOS, Scenario
+from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_train.evaluation import envelope
 from quadpend_train.evaluation.envelope import Event, events, extra_delay, limit
 from quadpend_train.evaluation.statistics import Interval
@@ -53,6 +53,17 @@ def test_strengths_change_the_settings_of_their_scenario_on_any_vehicle(file: Pa
     assert small.known.sensors[0].position.white == 0.01
     (strong,) = small.at(2.0 * small.everyday).wind
     assert strong.scale * strong.wind.models[0].force == pytest.approx(2.0 * small.everyday)
+
+
+def test_every_event_of_the_benchmark_is_searched_around_its_everyday_strength() -> None:
+    found = events(SCENARIOS["flight_breeze"])
+    assert [event.known.name for event in found.values()] == [*SETS["events"]]
+    for event in found.values():
+        assert event.strengths[0] == pytest.approx(event.everyday / 8.0)
+        assert event.everyday < event.strengths[-1]
+        assert event.at(event.everyday) == event.known == SCENARIOS[event.known.name]
+    assert found["drop-outs each second"].everyday == pytest.approx(100.0)
+    assert found["loss of thrust"].everyday == pytest.approx(20.0)
 
 
 def test_the_bisection_finds_the_limit_in_six_runs_and_its_interval_tells_what_was_seen(

@@ -39,7 +39,9 @@ def preflight(
     from quadpend_train.policies.loading import check_policy, load_policies
     from quadpend_train.reports.tables import terminal_table
 
-    ((name, flown),) = named_scenarios((scenario,), vehicle).items()
+    (name, flown), *others = named_scenarios((scenario,), vehicle).items()
+    if others:
+        raise ValueError(f"a data sheet is of one scenario: choose one of {', '.join([name, *dict(others)])}")
     policies = load_policies(policy)
     for each in policies:
         check_policy(policy, each, name, flown)
