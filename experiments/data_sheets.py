@@ -8,6 +8,8 @@ The limits of `quadpend preflight` on two vehicles, and the survival at 0.9 and 
 from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
+
 from experiments.pages import CACHE, DOCS, fill, made_by, options
 from quadpend_baselines import Policy
 from quadpend_gym.scenarios import SCENARIOS
@@ -25,9 +27,9 @@ SHARES = 0.9, 1.3
 def check(policies: Sequence[Policy], event: Event, episodes: int, seed: int) -> list[str]:
     """Return the limit, and the survival in later episodes at shares of it; a dash where there is no such strength."""
     found = limit(policies, event, EPISODES, seed, CACHE)
-    texts = [f"{limit_text(found, event)} {event.unit}"]
+    strengths, texts = np.array(event.strengths), [f"{limit_text(found, event)} {event.unit}"]
     for share in SHARES:
-        strength = min(event.strengths, key=lambda x, wanted=share * found.value: abs(x - wanted))
+        strength = float(strengths[np.abs(strengths - share * found.value).argmin()])
         text = "–"
         if event.strengths[0] < share * found.value <= event.strengths[-1]:
             job = Job([*policies], event.at(strength), episodes, seed + EPISODES, known=event.known)

@@ -24,14 +24,14 @@ changes = {"task.start.pendulum_angle" = [0.0, 0.0174532925]}
 
 def test_what_is_not_enough_is_named_and_the_rest_is_flown_in_the_order_of_its_reserve() -> None:
     event = replace(extra_delay(SCENARIOS["flight_breeze"]), unit="m", everyday=1.0)
-    events = {"jump": event, "push": event, "gust": event}
+    events = {"jump": replace(event, commanded=True), "push": event, "gust": event}
     limits = {"jump": Interval(2.0, 1.0, np.inf), "push": Interval(0.5, 0.0, 1.0), "gust": Interval(4.0, 3.0, 5.0)}
     sheet = DataSheet([("largest thrust", "2.00 weights", "1.3", 1.54)], events, limits)
-    warning, advice = sheet.sentences()
-    assert warning.endswith("below the everyday strength of: push")
-    assert advice == (
-        "Fly first: hover in still air; then in this order gust up to 2.00 m, jump up to 1.00 m; avoid push"
-    )
+    assert sheet.sentences() == [
+        "Warning: the limit is below the everyday strength of: push",
+        "Smallest reserves: jump (2 times), gust (4 times)",
+        "Fly first: hover in still air; then, up to 0.5 of the limits, jump 1.00 m",
+    ]
     assert sheet.table()[1:3] == [
         ("largest thrust", "2.00 weights", "1.3", "1.54"),
         ("jump", "2.00 [1.00, …] m", "1.00 m", "2.00"),

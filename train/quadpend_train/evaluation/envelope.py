@@ -16,9 +16,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Strict
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.files import read_toml
@@ -46,6 +47,7 @@ class _Event:
     unit: str
     highest: float
     changes: dict[str, tuple[float, float]]
+    commanded: Annotated[bool, Strict()] = False
 
     def at(self, strength: float) -> Scenario:
         """Return the scenario with another strength."""
@@ -73,6 +75,7 @@ class Event:
     strengths: tuple[float, ...]  # that are searched, ascending
     at: Callable[[float], Scenario]
     known: Scenario  # for which policies are designed
+    commanded: bool = False  # whether a pilot decides how strong it is
 
 
 @cache
@@ -88,7 +91,8 @@ def events(base: Scenario, path: Path = FILE) -> dict[str, Event]:
         everyday, doublings = event.everyday, np.log2(event.highest / (LOWEST * event.everyday))
         grid = LOWEST * everyday * 2.0 ** np.arange(0.0, doublings - 1e-9, 1.0 / STEPS)
         strengths, at = weights * np.append(grid, event.highest), partial(_at, event, base, weights)
-        found[name] = Event(event.unit, weights * everyday, tuple(strengths.tolist()), at, at(weights * everyday))
+        known = at(weights * everyday)
+        found[name] = Event(event.unit, weights * everyday, tuple(strengths.tolist()), at, known, event.commanded)
     return found
 
 

@@ -59,12 +59,17 @@ class DataSheet:
             out.append(f"Warning: the limit is below the everyday strength of: {', '.join(weak)}")
         if short:
             return [*out, "Fly first: nothing; mend what is not enough, or take another policy"]
-        steps = sorted((name for name in ratios if name not in weak), key=lambda name: -ratios[name])
-        parts = [
-            f"{name} up to {format_number(FIRST * self.limits[name].value)} {self.events[name].unit}" for name in steps
+        reserves = [f"{name} ({ratio:.2g} times)" for ratio, name in sorted((x, name) for name, x in ratios.items())]
+        steps = [
+            f"{name} {format_number(FIRST * self.limits[name].value)} {event.unit}"
+            for name, event in self.events.items()
+            if event.commanded and name not in weak
         ]
-        avoided = f"; avoid {', '.join(weak)}" if weak else ""
-        return [*out, f"Fly first: hover in still air; then in this order {', '.join(parts)}{avoided}"]
+        return [
+            *out,
+            f"Smallest reserves: {', '.join(reserves[len(weak) :][:3])}",
+            f"Fly first: hover in still air; then, up to {FIRST:g} of the limits, {', '.join(steps)}",
+        ]
 
 
 def data_sheet(
