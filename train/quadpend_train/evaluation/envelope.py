@@ -107,9 +107,9 @@ def on(base: Scenario, event: Scenario) -> Scenario:
     latency, observation, sensors and actuators, and the drawn loop and parameters if the event has none. The pole is
     told only if it is observed.
     """
-    gentle = SCENARIOS[BASE]
+    gentle, told = SCENARIOS[BASE], event.pole_told and "pole" in base.observation
     if base == gentle:
-        return event
+        return replace(event, pole_told=told)
     models: dict[str, Any] = {
         name: (*getattr(base, name), *(item for item in getattr(event, name) if item not in getattr(gentle, name)))
         for name in ("sensors", "actuators")
@@ -117,8 +117,7 @@ def on(base: Scenario, event: Scenario) -> Scenario:
     names = "latency", "period", "substeps", "observation", "autopilot", "loop_known"
     drawn = {name: getattr(event, name) or getattr(base, name) for name in ("loop", "parameters")}
     made = event.with_vehicle(base.vehicle, base.interface)
-    drawn["pole_told"] = event.pole_told and "pole" in base.observation
-    return replace(made, **{name: getattr(base, name) for name in names}, **models, **drawn)
+    return replace(made, pole_told=told, **{name: getattr(base, name) for name in names}, **models, **drawn)
 
 
 def extra_delay(scenario: Scenario) -> Event:
