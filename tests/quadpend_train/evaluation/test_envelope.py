@@ -18,9 +18,9 @@ BREEZE = replace(SCENARIOS["flight_breeze"], duration=4.0)
 WIND = """
 [wind]
 scenario = "flight_breeze"
-unit = "N"
-highest = 1.0
-changes = {"wind.ornstein_uhlenbeck.force" = [0.0, 1.0]}
+unit = "mN"
+highest = 1000.0
+changes = {"wind.ornstein_uhlenbeck.force" = [0.0, 0.001]}
 [start]
 scenario = "flight_recovery_20"
 unit = "°"
@@ -38,21 +38,21 @@ def file(tmp_path: Path) -> Path:
 def test_strengths_change_the_settings_of_their_scenario_on_any_vehicle(file: Path) -> None:
     found = events(SCENARIOS["flight_breeze"], file)
     wind, start = found["wind"], found["start"]
-    assert (wind.everyday, start.everyday) == pytest.approx((0.12, 20.0), rel=1e-3)
-    assert wind.strengths[0] == pytest.approx(0.015)
-    assert (wind.strengths[-1], start.strengths[-1]) == (1.0, 30.0)
+    assert (wind.everyday, start.everyday) == pytest.approx((120.0, 20.0), rel=1e-3)
+    assert wind.strengths[0] == pytest.approx(15.0)
+    assert (wind.strengths[-1], start.strengths[-1]) == (1000.0, 30.0)
     assert start.strengths[-2] < 30.0 < 1.1 * start.strengths[-2]
-    assert wind.at(0.5).wind[0].force == 0.5
+    assert wind.at(500.0).wind[0].force == 0.5
     assert start.at(30.0).task.start.pendulum_angle == pytest.approx((0.5236, 0.5236), abs=1e-4)
     assert start.known == SCENARIOS["flight_recovery_20"]
     base = replace(SCENARIOS["flight_breeze"], latency=0.03, sensors={"kind": "noise", "position": 0.01})
     small = events(base.with_vehicle("crazyflie"), file)["wind"]
     share = small.known.vehicle.weight / SCENARIOS["flight_breeze"].vehicle.weight
-    assert small.everyday == pytest.approx(0.12 * share)
+    assert small.everyday == pytest.approx(120.0 * share)
     assert small.known.latency == 0.03
     assert small.known.sensors[0].position.white == 0.01
     (strong,) = small.at(2.0 * small.everyday).wind
-    assert strong.scale * strong.wind.models[0].force == pytest.approx(2.0 * small.everyday)
+    assert strong.scale * strong.wind.models[0].force == pytest.approx(0.002 * small.everyday)
 
 
 def test_every_event_of_the_benchmark_is_searched_around_its_everyday_strength() -> None:

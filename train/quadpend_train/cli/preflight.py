@@ -33,6 +33,7 @@ def preflight(
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results; only missing results are computed.
     """
+    from rich import box
     from rich.console import Console
 
     from quadpend_train.evaluation.preflight import data_sheet
@@ -47,8 +48,9 @@ def preflight(
         check_policy(policy, each, name, flown)
     sheet = data_sheet(policies, flown, episodes, seed, jobs, cache)
     console = Console(width=None if sys.stdout.isatty() else 150, emoji=False, markup=False, highlight=False)
-    console.print(
-        terminal_table(f"{policy} on {flown.vehicle.name}, {episodes} episodes a run, seeds from {seed}", sheet.table())
-    )
+    title = f"{policy} on {flown.vehicle.name}, {episodes} episodes a run, seeds from {seed}"
+    table = terminal_table(title, sheet.table())
+    table.box, table.show_edge = box.SIMPLE_HEAD, False
+    console.print(table)
     for sentence in sheet.sentences():
         console.print(f"{sentence}.")

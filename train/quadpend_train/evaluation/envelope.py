@@ -87,7 +87,7 @@ def events(base: Scenario, path: Path = FILE) -> dict[str, Event]:
     """Return the events of a file by name, on the vehicle of a scenario and through its loop, see `on`."""
     found = {}
     for name, event in _events(path).items():
-        weights = base.vehicle.weight / SCENARIOS[event.scenario].vehicle.weight if event.unit == "N" else 1.0
+        weights = base.vehicle.weight / SCENARIOS[event.scenario].vehicle.weight if event.unit == "mN" else 1.0
         everyday, doublings = event.everyday, np.log2(event.highest / (LOWEST * event.everyday))
         grid = LOWEST * everyday * 2.0 ** np.arange(0.0, doublings - 1e-9, 1.0 / STEPS)
         strengths, at = weights * np.append(grid, event.highest), partial(_at, event, base, weights)
