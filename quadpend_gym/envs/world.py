@@ -90,7 +90,7 @@ class World:
     """
 
     def __init__(self, num_envs: int, scenario: Scenario, num_threads: int = 1) -> None:
-        self.num_envs, self.scenario, self._num_threads = num_envs, scenario, num_threads
+        self.num_envs, self.scenario = num_envs, scenario
         task, simulation = self.task, self.simulation = scenario.task, scenario.simulation
         if scenario.autopilot is None:
             self.schedule: Schedule | AutopilotRows = Schedule(scenario.loop, simulation, num_envs)
@@ -117,8 +117,25 @@ class World:
         self._parameter_ranges = ranges.ranges(simulation.parameters) if isinstance(ranges, Around) else ranges
         self._sensors = ModelBatch(scenario.sensors, num_envs)
         self._actuators = ModelBatch(actuators, num_envs, range(len(actuators))[::-1])  # the last one has stream 0
-        self._wind_models = ModelBatch((), num_envs)
-        self.add_wind(scenario.wind_models)
+        winds = scenario.wind_models
+        self._wind_models = ModelBatch(winds, num_envs)
+        self._moves_air, self._holds = any(model.moves_air for model in winds), can_hold(winds)
+        self._sample_size = SAMPLE_SIZE if self._holds else WIND_SIZE
+        self._kernel: Any = KERNELS[self._plant.held_kernel if self._holds else self._plant.kernel]
+        self._run: Any = self._kernel if num_threads == 1 else partial(run_in_threads, num_threads, self._kernel)
+        if isinstance(self.schedule, AutopilotRows):
+            self._run = partial(self.schedule.run, self._kernel)
+        self._settings = pack_settings(task, self._plant, self._moves_air, bool(self._sensors.models))
+        self._needs_reset = np.ones(num_envs, np.bool_)
+        self._can_step = False
+        self._columns_size = SAMPLE_SIZE + (SENSED_SIZE if self._sensors.models else 0)
+        self._columns = np.zeros((self._columns_size, num_envs))  # wind and sensed values of the kernel
+        self._checks_first = bool(actuators or scenario.loop or scenario.autopilot) or num_threads > 1 or self._holds
+        drawn = self._parameter_ranges is not None, scenario.loop is not None
+        self.step_info = StepInfo(self._moves_air, bool(actuators), *drawn)
+        # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
+        self._padded = num_envs >= 512
+        self._outcome_shape = self.step_info.outcome_size, num_envs + (8 if self._padded else 0)
 
     def close(self) -> None:
         """End the processes of an autopilot, if there is one."""
@@ -168,34 +185,6 @@ class World:
     def measured(self) -> Floats:
         """View of the states that the sensors reported last, shape (n, 18); without sensors the true states."""
         return self._columns[_SENSED_STATE].T if self._sensors.models else self.state
-
-    def add_wind(self, models: tuple[Any, ...]) -> None:
-        """Add wind models after the existing ones. Every sub-environment must then start a new episode."""
-        self._wind_models = ModelBatch((*self._wind_models.models, *models), self.num_envs)
-        all_models: tuple[Any, ...] = self._wind_models.models
-        self._moves_air, self._holds = any(model.moves_air for model in all_models), can_hold(all_models)
-        self._sample_size = SAMPLE_SIZE if self._holds else WIND_SIZE
-        self._kernel: Any = KERNELS[self._plant.held_kernel if self._holds else self._plant.kernel]
-        threads, kernel = self._num_threads, self._kernel
-        self._run: Any = kernel if threads == 1 else partial(run_in_threads, threads, kernel)
-        if isinstance(self.schedule, AutopilotRows):
-            self._run = partial(self.schedule.run, kernel)
-        self._require_reset()
-
-    def _require_reset(self) -> None:
-        """Mark every sub-environment for reset, and recompute what follows from the models."""
-        self._settings = pack_settings(self.task, self._plant, self._moves_air, bool(self._sensors.models))
-        self._needs_reset = np.ones(self.num_envs, np.bool_)
-        self._can_step = False
-        self._columns_size = SAMPLE_SIZE + (SENSED_SIZE if self._sensors.models else 0)
-        self._columns = np.zeros((self._columns_size, self.num_envs))  # wind and sensed values of the kernel
-        self._checks_first = bool(self._actuators.models or self.scenario.loop or self.scenario.autopilot)
-        self._checks_first |= self._num_threads > 1 or self._holds
-        drawn = self._parameter_ranges is not None, self.scenario.loop is not None
-        self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), *drawn)
-        # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
-        self._padded = self.num_envs >= 512
-        self._outcome_shape = self.step_info.outcome_size, self.num_envs + (8 if self._padded else 0)
 
     def seed(self, rows: Integers, seeds: Sequence[int]) -> None:
         """Seed the sub-environments `rows`, shape (m,), with non-negative integers; their next episode is number 0."""
