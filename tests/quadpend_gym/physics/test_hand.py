@@ -110,6 +110,21 @@ def test_where_there_is_no_hand_nothing_changes() -> None:
     assert_array_equal(fly(vehicle, 4, [nothing, Hold(until=0.0)]), fly(vehicle, 4, nothing))
 
 
+def test_distance_and_release_of_a_hand_are_drawn_for_each_episode() -> None:
+    wind = Hold(10.0, 0.0, distance=(0.02, 0.06), until=(0.1, 0.2))
+    hands = sample_wind(wind, 25, 500, columns=HAND)
+    held = hands[:, :, 2] == 10.0
+    assert_array_equal(hands[held][:, 2:], np.tile([10.0, 0.0], (held.sum(), 1)))
+    assert not hands[~held].any()
+    for drawn, low, high in (
+        (np.linalg.norm(hands[0, :, :2], axis=1) / 10.0, 0.02, 0.06),
+        (WIND_PERIOD * held.sum(axis=0), 0.1, 0.2),
+    ):
+        assert low - 0.006 <= drawn.min() < low + 0.01
+        assert high - 0.01 < drawn.max() <= high + 0.006
+        assert np.mean(drawn) == pytest.approx(0.5 * (low + high), abs=five_sigma(500) * 0.3 * (high - low) + 0.001)
+
+
 def test_the_disturbance_has_the_force_of_the_hand() -> None:
     vehicle = random_vehicle(1)
     env, actions = held(vehicle, 4)
