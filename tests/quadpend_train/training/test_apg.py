@@ -25,6 +25,7 @@ from tests.helpers.training import train_policy, trained_arrays
 LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
 CURVE = {"kind": "sinusoids", "terms": [{"amplitude": 0.3, "frequency": 1.0}]}
 WITHOUT_RATES = json.dumps({"wind": "windy", "observation": "output_feedback"})
+JUMPING = json.dumps({"task": {"trajectory": CURVE, "jumps": {"distance": [0.1, 0.1]}}})
 DELAYED = json.dumps({"sensors": {"kind": "delay", "steps": 3}})
 BRIEF = TrainSettings(
     algo="apg",
@@ -188,6 +189,7 @@ def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
     [
         ({"scenarios": (json.dumps({"actuators": {"kind": "rate_limit"}}),)}, "actuator 'rate_limit', only"),
         ({"scenarios": (WITHOUT_RATES,), "hybrid": HybridSettings()}, "no velocities .* needs a base_controller"),
+        ({"scenarios": (JUMPING,)}, "cannot have task.jumps with waypoints or sums of sinusoids"),
         ({"reward_scale": 0.1}, "reward_scale must be 0.01 with algo 'apg', not 0.1"),
         ({"reward": RewardWeights(tip=0.1)}, "reward must be RewardWeights.* with algo 'apg', not"),
         (

@@ -117,6 +117,9 @@ def check_covered(name: str, scenario: Scenario) -> None:
         raise ValueError(f"algo 'apg' cannot have the wind 'hold' (scenario {name})")
     if scenario.loop is not None and scenario.simulation.vehicle.attitude != "rigid":
         raise ValueError(f"algo 'apg' draws the loop of rigid vehicles only, not that of the scenario {name}")
+    trajectory = scenario.task.trajectory
+    if scenario.task.jumps is not None and trajectory is not None and not is_one_term(trajectory):
+        raise ValueError(f"algo 'apg' cannot have task.jumps with waypoints or sums of sinusoids (scenario {name})")
     if scenario.task.pendulum != "upright" or scenario.task.reward.pendulum_first > 0.0:
         raise ValueError(f"algo 'apg' balances an upright pendulum only, not the task of the scenario {name}")
 
