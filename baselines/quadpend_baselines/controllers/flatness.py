@@ -52,6 +52,7 @@ from quadpend_baselines.modelling.flat_outputs import (
     euler_accelerations,
     flat_trajectory,
     tangent_from_attitude,
+    with_drag,
 )
 from quadpend_baselines.modelling.quantities import (
     Derivatives,
@@ -107,8 +108,9 @@ def flatness(
     rigid: RigidSettings | None,
 ) -> Four:
     """Return thrust (N) and torques (N·m) of equations (1)–(7)."""
-    p, d, r, r_dot = model.physics, equivalent_forces(disturbance, model), s.direction, s.direction_rate
-    path = flat_trajectory(equivalent_reference(reference, model), d, p)
+    p, r, r_dot, followed = model.physics, s.direction, s.direction_rate, equivalent_reference(reference, model)
+    path = flat_trajectory(followed, equivalent_forces(disturbance, model), p)
+    d = with_drag(equivalent_forces(disturbance, model), followed, p)
     t0, t1, _ = coefficients(tangent_from_attitude(s.euler, s.euler_rate))
     axis_height = max(sincos(s.euler.x)[1] * sincos(s.euler.y)[1], _MIN_AXIS_HEIGHT)
     demanded = reference.d2.z - _feedback(s.velocity.z, s.position.z, gains.damping, gains.vertical_bandwidth)

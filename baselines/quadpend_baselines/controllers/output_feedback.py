@@ -90,7 +90,7 @@ class OutputFeedback(Controller):
 
     def control(self, estimation: OutputFeedbackMemory) -> tuple[Floats32, OutputFeedbackMemory]:
         """Return the actions of n rows, shape (n, 4), and the memory."""
-        later = self._later(estimation)
+        later = self.estimator.prediction.carry_forward(estimation.estimate, estimation.action)
         action, law_memory = actions_of(self._law, self.estimator.prediction, later, estimation.law_memory)
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
 
@@ -99,13 +99,10 @@ class OutputFeedback(Controller):
         return disturbance_of(memory.estimate.array, self.simulation.parameters.hover_thrust)
 
     def estimates(self, memory: OutputFeedbackMemory) -> tuple[Floats, Floats]:
-        """Return the estimate now, and at the time when the next action acts, shapes (n, k), for laws and networks."""
-        now = self.estimator.prediction.with_reference_drag(memory.estimate)
-        return now.array, self._later(memory).array
-
-    def _later(self, memory: OutputFeedbackMemory) -> Estimate:
+        """Return the estimate now, and at the time when the next action acts, shapes (n, k), for networks."""
         prediction: Prediction = self.estimator.prediction
-        return prediction.with_reference_drag(prediction.carry_forward(memory.estimate, memory.action))
+        later = prediction.carry_forward(memory.estimate, memory.action)
+        return prediction.with_reference_drag(memory.estimate).array, prediction.with_reference_drag(later).array
 
     def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""

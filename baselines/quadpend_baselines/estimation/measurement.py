@@ -21,7 +21,13 @@ from quadpend_baselines.estimation.estimate import (
     law_inputs,
 )
 from quadpend_baselines.estimation.loop import READABLE, Loop
-from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, store_vectors
+from quadpend_baselines.modelling.quantities import (
+    REFERENCE_VECTORS,
+    Derivatives,
+    VehicleState,
+    bob_offset,
+    store_vectors,
+)
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
@@ -67,6 +73,8 @@ def read_reference(observation: Any, place: int, lane: int) -> Derivatives:
         scaled_vector(observation, place + 9, REFERENCE_START + 9, lane),
         scaled_vector(observation, place + 12, REFERENCE_START + 12, lane),
         scaled_vector(observation, place + 15, REFERENCE_START + 15, lane),
+        Vec3(0.0, 0.0, 0.0),
+        Vec3(0.0, 0.0, 0.0),
     )
 
 
@@ -88,7 +96,7 @@ def measure_errors(observation: Any, lane: int, has_rates: bool, rod_length: flo
     velocity = Vec3(error_rate.x - rod_length * r_dot.x, error_rate.y - rod_length * r_dot.y, error_rate.z)
     euler = Vec3(attitude.x, attitude.y, attitude.z + reference.yaw.x)
     store_vectors(out, STATE, lane, VehicleState(position, velocity, euler, euler_rate, r, r_dot))
-    store_vectors(out, REFERENCE, lane, reference)
+    store_vectors(out, REFERENCE, lane, reference[:REFERENCE_VECTORS])
 
 
 @inlined

@@ -18,6 +18,7 @@ import numpy as np
 from quadpend_baselines.estimation.estimate import (
     AGE,
     DISTURBANCE,
+    DRAG,
     LOOP,
     MASS_RATIO,
     PLACE,
@@ -39,13 +40,13 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.physics.attitude import Quaternion, rotation_matrix, to_body, to_world
-from quadpend_gym.physics.drag import drag_force
+from quadpend_gym.physics.drag import AIR_DENSITY, drag_force
 from quadpend_gym.physics.euler_kernel import EulerSettings, integrate_euler
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.rigid_kernel import QUATERNION, RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, release
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, BOB_FORCE, DISTURBANCE_SIZE, FORCE, STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, load, load_four, scale, store, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, load, load_four, norm, scale, store, store_four
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS, ROD_LENGTH
 
 # Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, the action before and
@@ -106,6 +107,17 @@ def move_reference(memory: Any, lane: int, t: float) -> None:
 
 
 @inlined
+def store_drag(memory: Any, lane: int, plant: PlantNumbers, rotor_drag: Vec3) -> None:
+    """Write the velocity of the reference and the coefficients of the drag there, if it is known."""
+    velocity, known, d = load(memory, PLACE + 3, lane), 1.0 - plant.moves, rotor_drag
+    speed = norm(velocity)
+    store(memory, DRAG, lane, velocity)
+    body = 0.5 * AIR_DENSITY * plant.quadrotor_drag_area * speed
+    pole = 0.5 * AIR_DENSITY * plant.bob_drag_area * speed
+    store(memory, DRAG + 3, lane, Vec3(known * (body + 0.5 * (d.x + d.y)), known * (body + d.z), known * pole))
+
+
+@inlined
 def advance(
     memory: Any, lane: int, action: Four, k: int, loop: LoopNumbers, rigid: RigidSettings | None, buffer: Any
 ) -> None:
@@ -149,6 +161,7 @@ def advance(
         )
         for i in range(RIGID_SIZE):
             memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
+        store_drag(memory, lane, plant, rigid.rotor_drag)
     for i in range(STATE_SIZE):
         memory[i, lane] = buffer[i, 0]
     move_reference(memory, lane, period)
@@ -170,7 +183,8 @@ def arrive(memory: Any, lane: int, loop: LoopNumbers) -> None:
 def add_reference_drag(memory: Any, lane: int, loop: LoopNumbers, rigid: RigidSettings | None) -> None:
     """Add to the forces of an estimate the drag that the velocity of the reference adds to that of the relative one.
 
-    Laws and networks know no velocity but the relative one, and take the drag of the reference for wind.
+    Networks know no velocity but the relative one, and take the drag of the reference for wind. Laws know it, see
+    `modelling.flat_outputs`.
     """
     plant, state, d1 = loop.plant, load_state(memory, STATE, lane), load(memory, PLACE + 3, lane)
     v = scale(-1.0, state.velocity)
@@ -300,7 +314,7 @@ class Prediction:
         return then
 
     def with_reference_drag(self, estimate: Estimate) -> Estimate:
-        """Return an estimate with the forces that laws and networks get, see `add_reference_drag`."""
+        """Return an estimate with the forces that networks get, see `add_reference_drag`."""
         then = Estimate(estimate.array.copy())
         _add_reference_drag(then.array, *self.numbers)
         return then

@@ -112,9 +112,11 @@ def equivalent_forces(forces: Forces, model: Pendulum) -> Forces:
 
 @inlined
 def equivalent_reference(reference: Derivatives, model: Pendulum) -> Derivatives:
-    """Return the derivatives of F for those of F_d by equation (3)."""
+    """Return the derivatives of F for those of F_d by equation (3), and the drag of the equivalent pendulum."""
     d2, d3, d4, d5, d6 = reference.d2, reference.d3, reference.d4, reference.d5, reference.d6
-    second, fourth = model.second, model.fourth
+    second, fourth, d1, drag = model.second, model.fourth, reference.d1, reference.drag
+    share = model.vehicle.rod_length / model.physics.rod_length  # of a force on the pole, see `equivalent_forces`
+    on_body = (1.0 - share) * drag.z
     return Derivatives(
         Vec3(d2.x + second * d4.x + fourth * d6.x, d2.y + second * d4.y + fourth * d6.y, d2.z),
         Vec3(d3.x + second * d5.x, d3.y + second * d5.y, d3.z),
@@ -122,6 +124,8 @@ def equivalent_reference(reference: Derivatives, model: Pendulum) -> Derivatives
         d5,
         d6,
         reference.yaw,
+        Vec3(d1.x + second * d3.x + fourth * d5.x, d1.y + second * d3.y + fourth * d5.y, d1.z),
+        Vec3(drag.x + on_body, drag.y + on_body, share * drag.z),
     )
 
 

@@ -44,7 +44,11 @@ class Forces(NamedTuple):
 
 
 class Derivatives(NamedTuple):
-    """The derivatives of order 2 to 6 of the reference (F_x, F_y, z), and (ψ, ψ̇, ψ̈) of the yaw."""
+    """The derivatives of order 2 to 6 of the reference (F_x, F_y, z), (ψ, ψ̇, ψ̈) of the yaw, and what makes drag.
+
+    The drag of the vehicle that follows is −c v: c (N·s/m) is that of the body horizontally and vertically, and that
+    of the pole. Without the velocity of the reference (order 1), both are 0, and drag is a part of the disturbance.
+    """
 
     d2: Vec3
     d3: Vec3
@@ -52,6 +56,11 @@ class Derivatives(NamedTuple):
     d5: Vec3
     d6: Vec3
     yaw: Vec3
+    d1: Vec3
+    drag: Vec3
+
+
+REFERENCE_VECTORS = 6  # of `Derivatives` in an array: those before d1
 
 
 @inlined
@@ -84,7 +93,8 @@ def load_forces(lanes: Any, first: int, lane: int) -> Forces:
 
 @inlined
 def load_reference(lanes: Any, first: int, lane: int) -> Derivatives:
-    """Return the reference in the 18 fields from `first`: its derivatives by order, and the yaw."""
+    """Return the reference in the 18 fields from `first`: its derivatives by order, and the yaw; without drag."""
+    none = Vec3(0.0, 0.0, 0.0)
     return Derivatives(
         load(lanes, first, lane),
         load(lanes, first + 3, lane),
@@ -92,6 +102,8 @@ def load_reference(lanes: Any, first: int, lane: int) -> Derivatives:
         load(lanes, first + 9, lane),
         load(lanes, first + 12, lane),
         load(lanes, first + 15, lane),
+        none,
+        none,
     )
 
 

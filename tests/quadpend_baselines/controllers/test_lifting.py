@@ -11,7 +11,7 @@ from quadpend_baselines.controllers.dual_mode import unpack_gains as unpack_dual
 from quadpend_baselines.controllers.flatness import Flatness, flatness, unpack_gains
 from quadpend_baselines.controllers.lqr import Lqr, lqr
 from quadpend_baselines.controllers.lqr import unpack_numbers as unpack_lqr
-from quadpend_baselines.estimation.estimate import LOOP, Estimate
+from quadpend_baselines.estimation.estimate import DRAG, LOOP, Estimate
 from quadpend_baselines.gains import gains_for
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.quantities import Derivatives, Forces, VehicleState
@@ -43,7 +43,7 @@ def test_a_law_in_casadi_is_the_compiled_one(law: str, name: str) -> None:
     gains, model = gains_for(law, simulation), equivalent_model(simulation).numbers
     rigid = make_rigid_settings(simulation) if name == "hummingbird" else None
     state, wind = ca.SX.sym("state", 18), ca.SX.sym("wind", 9)
-    reference, memory = ca.SX.sym("reference", 18), ca.SX.sym("memory", 3)
+    reference, memory = ca.SX.sym("reference", 24), ca.SX.sym("memory", 3)
     inputs = vectors(VehicleState, state), vectors(Forces, wind), vectors(Derivatives, reference)
     controller: Any = {"flatness": Flatness, "lqi": Lqr, "dual-mode": DualMode}[law](gains, simulation)
     packed, _ = controller._numbers
@@ -63,10 +63,12 @@ def test_a_law_in_casadi_is_the_compiled_one(law: str, name: str) -> None:
     orders, yaws = 0.1 * rng.normal(size=(ROWS, 5, 3)), 0.1 * rng.normal(size=(ROWS, 3))
     measurement = Estimate(np.zeros((ROWS, LOOP)))
     measurement.state[:], measurement.reference[:], measurement.yaw[:] = states, orders, yaws
+    moving = measurement.array[:, DRAG:LOOP]
+    moving[:] = 0.1 * rng.uniform(size=moving.shape)  # velocity and coefficients of the drag
     memories: Any = 0.01 * rng.normal(size=(ROWS, 3))
     given = memories if law == "lqi" else ()
     expected, _ = controller.command(true_estimate(measurement, winds), given)
-    references = np.hstack([orders.reshape(ROWS, -1), yaws])
+    references = np.hstack([orders.reshape(ROWS, -1), yaws, moving])
     for row in range(ROWS):
         found = np.array(function(states[row], winds[row], references[row], memories[row])).ravel()
         assert_allclose(found, expected[row], rtol=1e-9, atol=1e-9)

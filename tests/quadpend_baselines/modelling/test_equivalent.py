@@ -69,7 +69,7 @@ def test_the_wanted_flat_output_of_a_raised_pivot_is_that_of_the_equations() -> 
     tracked = 1.0 - a * s - b * t  # F_d for F = exp(i w t)
     reference = np.zeros((1, 5, 3))
     reference[0, :, 0] = np.real(powers * tracked)
-    given = Derivatives(*(Vec3(*row) for row in reference[0]), Vec3(0.0, 0.0, 0.0))
+    given = Derivatives(*(Vec3(*row) for row in reference[0]), *[Vec3(0.0, 0.0, 0.0)] * 3)
     found = equivalent_reference(given, model.numbers).d2.x
     assert found == pytest.approx(np.real(powers[0]), rel=1e-4)
     assert np.abs(reference[0, 0, 0] - np.real(powers[0])) > 1e-3 * w**2

@@ -90,20 +90,18 @@ def advances(prediction: Prediction, size: int, kernel: Any = advance) -> tuple[
 
 
 def arrived(later: Any, prediction: Prediction) -> Any:
-    """Return an estimate, one row, at the time when the action acts: it was advanced by all parts of the loop.
-
-    It has the forces that laws and networks get.
-    """
+    """Return an estimate, one row, at the time when the action acts: it was advanced by all parts of the loop."""
     after, loop = row(later), numbers_of(prediction)[0]
     if loop.parts.shape[0] > 1:
         lift(arrive)(after.T, 0, loop)
-    return with_reference_drag(after, prediction)
+    return after
 
 
 def with_reference_drag(estimate: Any, prediction: Prediction) -> Any:
-    """Return an estimate, one row, with the forces that laws and networks get, changed in place."""
-    lift(add_reference_drag)(estimate.T, 0, *numbers_of(prediction))
-    return estimate
+    """Return an estimate, one row, with the forces that networks get."""
+    after = estimate.copy()
+    lift(add_reference_drag)(after.T, 0, *numbers_of(prediction))
+    return after
 
 
 def measurement(observed: Any, layout: ObservationLayout, vehicle: Parameters) -> Any:

@@ -63,7 +63,7 @@ class _Base(NamedTuple):
     """A base controller, as a network needs it."""
 
     observer: Program
-    now: Callable[[Any], Any]  # (memory) → the estimate as a network gets it
+    seen: Callable[[Any], Any]  # (estimate, one row) → the estimate as a network gets it
     arrived: Callable[[Any, Any], Any]  # (memory, later) → the estimate at the time when the action acts, one row
     control: Callable[[Any, Any], Any]  # (this estimate, memory of the law) → its action, and the memory after it
     law_size: int  # of the memory of the law
@@ -99,7 +99,7 @@ def _base(controller: Any) -> _Base:
     observer = Program(functions, [], size, 0, 0, 0, 1.0)
     return _Base(
         observer,
-        lambda memory: memory,
+        lambda estimate: estimate,
         lambda memory, later: row(later),
         lambda later, law: (ca.SX(ACTION_SIZE, 1), law),
         0,
@@ -196,10 +196,10 @@ def _with_control(observer: Program, base: OutputFeedback, shift: Any) -> _Base:
         action, after = act(base._law, prediction, Estimate(later), last)
         return vector(action), vector(after) if law_size else law_memory
 
-    def now(memory: Any) -> Any:
-        return vector(with_reference_drag(row(memory), prediction))
+    def seen(estimate: Any) -> Any:
+        return with_reference_drag(estimate, prediction)
 
-    return _Base(observer, now, arrive, control, law_size)
+    return _Base(observer, seen, arrive, control, law_size)
 
 
 def _with_law(base: _Base) -> Program:
@@ -228,7 +228,7 @@ def _with_network(
         after = base.arrived(memory, later)
         if acts:
             base_action, law_memory = base.control(after, law_memory)
-        given = action, base_action, base.now(memory), after
+        given = action, base_action, vector(base.seen(row(memory))), base.seen(after)
         chosen, read = seen_by((reads,), errors, *given, read)
         seen, own = seen_by(parts, chosen, *given, own)
         return {"seen": seen, "next_extra": ca.vertcat(read, own, law_memory, base_action)}

@@ -110,7 +110,7 @@ def observation_step(observer: Observer) -> Any:
         ahead = memory
         for name in rest:
             ahead = functions[name](ahead, action)
-        later = arrived(ahead, observer.estimator.prediction)
+        later = with_reference_drag(arrived(ahead, observer.estimator.prediction), observer.estimator.prediction)
     if observer.parts:
         known = observed
         if observer.layout == LAB and observer.estimator is not None:
