@@ -199,6 +199,8 @@ def add_reference_drag(memory: Any, lane: int, loop: LoopNumbers, rigid: RigidSe
     first, second = DISTURBANCE + FORCE, DISTURBANCE + BOB_FORCE
     store(memory, first, lane, add(load(memory, first, lane), on_vehicle))
     store(memory, second, lane, add(load(memory, second, lane), _more_drag(plant.bob_drag_area, bob, d1)))
+    for i in range(LOOP - DRAG):  # it is in the forces
+        memory[DRAG + i, lane] = 0.0
 
 
 @inlined
