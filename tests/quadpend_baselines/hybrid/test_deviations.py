@@ -8,7 +8,7 @@ import pytest
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import EstimateOnly
 from quadpend_gym.scenarios import find_scenarios
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_FIELDS
+from quadpend_gym.tasks.observation import LAB
 from tests.helpers.deviations import linear_feedback
 
 SCENARIOS = find_scenarios(["flight_breeze", "flight_circle"])
@@ -25,10 +25,12 @@ def flown(scenario: str, turn: float = 0.0) -> tuple[Any, Any]:
     inputs, actions = [], []
     for step in range(150):
         seen = observation.astype(np.float64)
-        for name, columns in OUTPUT_FEEDBACK_FIELDS.items():
-            if name not in ("attitude", "yaw_reference"):
-                seen[:, columns][:, :2] = seen[:, columns][:, :2] @ turned
-        seen[:, OUTPUT_FEEDBACK_FIELDS["yaw_reference"].start] += turn
+        for name in ("position", "direction", *(f"reference_{order}" for order in range(7))):
+            seen[:, LAB.columns[name]][:, :2] = seen[:, LAB.columns[name]][:, :2] @ turned
+        w, x, y, z = seen[:, LAB.columns["quaternion"]].T
+        c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
+        seen[:, LAB.columns["quaternion"]] = np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], 1)
+        seen[:, LAB.columns["yaw_reference"].start] += turn
         found, memory = HYBRID.observe(seen.astype(np.float32), memory, np.full(4, step == 0))
         action, memory = HYBRID.base_action(memory)
         action, memory = HYBRID.act(action, memory)
