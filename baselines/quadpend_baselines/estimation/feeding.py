@@ -62,5 +62,7 @@ def fed_by_name(policy: Policy, scenario: Scenario) -> Policy:
             return SelectedFields(policy, seen.select(layout))
         if set(layout) <= set(OUTPUT_FEEDBACK) and set(LAB) <= set(seen):
             return FedErrors(policy, seen.select(LAB), OUTPUT_FEEDBACK.select(layout), scenario.simulation.parameters)
-    lacking = ", ".join(name for name in policy.layouts[-1] if name not in seen)
-    raise ValueError(f"the policy reads {lacking}, which the scenario does not observe; it observes {', '.join(seen)}")
+    lacking = min(([name for name in layout if name not in seen] for layout in policy.layouts), key=len)
+    raise ValueError(
+        f"the policy reads {', '.join(lacking)}, which the scenario does not observe; it observes {', '.join(seen)}"
+    )
