@@ -99,11 +99,20 @@ def outliers(first: int, end: int, step: int, given: Floats32, seen: list[Floats
         given[:, LAB.columns["position"]] += np.float32([0.6, 0.8, 0.0])
 
 
+def lose(first: int, end: int, step: int, given: Floats32, seen: list[Floats32]) -> None:
+    """Give no numbers in some steps."""
+    if first <= step < end:
+        given[:, MEASURED] = np.nan
+
+
 @every_controller
 @pytest.mark.parametrize(
     "change",
-    [partial(hold, 60, 66, True), partial(hold, 60, 66, False), partial(outliers, 60, 61), partial(outliers, 60, 64)],
-    ids=["old", "frozen", "outlier", "outliers"],
+    [
+        *(partial(hold, 60, 66, True), partial(hold, 60, 66, False), partial(lose, 60, 66)),
+        *(partial(outliers, 60, 61), partial(outliers, 60, 64)),
+    ],
+    ids=["old", "frozen", "lost", "outlier", "outliers"],
 )
 def test_bad_samples_do_not_correct(name: str, change: Any) -> None:
     """The flight goes on nearly as with the good ones."""

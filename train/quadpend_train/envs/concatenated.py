@@ -15,8 +15,8 @@ from quadpend_gym.wrappers import last_observations, replace_final_observations
 class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     """The sub-environments of several vector environments, in the order of `envs`.
 
-    The info has only ``tracking_error``, ``tilt`` and ``reward_terms``, without masks, beside the keys of same-step
-    autoreset. The parts are QuadPendulum vector environments or concatenations of them, with same-step autoreset.
+    The info has only ``tracking_error``, ``tilt``, ``cause`` and ``reward_terms``, without masks, beside the keys of
+    same-step autoreset. The parts are QuadPendulum vector environments or concatenations of them, with same-step autoreset.
     """
 
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
@@ -85,6 +85,6 @@ def worlds(env: VectorEnv[Any, Any, Any]) -> list[Any]:
 def _concatenate(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
     terms = [info["reward_terms"] for info in infos]
     return {
-        **{name: np.concatenate([info[name] for info in infos]) for name in ("tracking_error", "tilt")},
+        **{name: np.concatenate([info[name] for info in infos]) for name in ("tracking_error", "tilt", "cause")},
         "reward_terms": {name: np.concatenate([term[name] for term in terms]) for name in terms[0] if name[0] != "_"},
     }
