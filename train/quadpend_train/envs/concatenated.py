@@ -16,7 +16,8 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     """The sub-environments of several vector environments, in the order of `envs`.
 
     The info has only ``tracking_error``, ``tilt``, ``cause`` and ``reward_terms``, without masks, beside the keys of
-    same-step autoreset. The parts are QuadPendulum vector environments or concatenations of them, with same-step autoreset.
+    same-step autoreset. The parts are QuadPendulum vector environments or concatenations of them, with same-step
+    autoreset.
     """
 
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
