@@ -317,6 +317,8 @@ class Prediction:
 
     def with_reference_drag(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the forces that networks get, see `add_reference_drag`."""
+        if not self.loop.in_world:  # the velocity of the reference is unknown
+            return estimate
         then = Estimate(estimate.array.copy())
         _add_reference_drag(then.array, *self.numbers)
         return then
