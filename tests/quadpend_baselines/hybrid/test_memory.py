@@ -1,5 +1,7 @@
 """Measurements and a memory of them as inputs of a network, and their teacher."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,7 +51,7 @@ def test_the_inputs_do_not_depend_on_the_heading_and_need_no_velocities() -> Non
 
 
 def test_a_designed_hybrid_teaches_what_its_base_controller_does_and_a_flown_one_has_no_teacher() -> None:
-    scenario = find_scenario("vehicles_windy@racer")
+    scenario = replace(find_scenario("vehicles_windy@racer"), observation=OUTPUT_FEEDBACK)
     env = VectorHybridWrapper(scenario.make_vec(3), MemoryOnly(), Loop.known(scenario), teaches=True)
     teacher, inner, memory = controller("lqg").adapt(scenario), scenario.make_vec(3), None
     env.reset(seed=1)

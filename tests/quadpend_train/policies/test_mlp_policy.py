@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines.hybrid import VectorHybridWrapper
-from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK
+from quadpend_gym.tasks.observation import FULL, LAB, OUTPUT_FEEDBACK
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.controllers import run_policy
@@ -49,8 +49,8 @@ def test_wrong_observations_and_sampling_are_refused() -> None:
     policy, estimating = mlp_policy(36), mlp_policy(45, hybrid=ESTIMATE_ONLY)
     assert_refused(lambda: policy.predict(np.zeros((3, 4))), r"36 numbers, not of shape \(3, 4\)", ValueError)
     assert_refused(lambda: policy.predict(OBSERVATIONS, deterministic=False), "acts deterministically", ValueError)
-    assert estimating.layouts == (FULL, OUTPUT_FEEDBACK)
-    assert_refused(lambda: estimating.predict(np.zeros(45)), "36 or 27 numbers", ValueError)
+    assert estimating.layouts == (FULL, OUTPUT_FEEDBACK, LAB)
+    assert_refused(lambda: estimating.predict(np.zeros(45)), "36 or 27 or 37 numbers", ValueError)
 
 
 ADRC = {"base_controller": "adrc-matched"}
