@@ -21,7 +21,10 @@ from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
 from quadpend_train.policies.loading import load_policies
 
-PAGES = {"results": ((*results.LEARNED, *results.CLASSICAL), "test"), "flight": (flight.POLICIES, "flight")}
+PAGES = {
+    "results": ((*results.LEARNED, *results.CLASSICAL), ["test"]),
+    "flight": (flight.POLICIES, ["flight", "events"]),
+}
 EPISODES, MOVE = 2, 1e-9  # m, along each axis
 # Relative tolerance: the sum of two parts, and its upper limit. Networks have float32 actions, whose rounding moves a
 # flight further than `MOVE`: without AVX-512 by up to 300 times `moved`, seen in flight_circle with apg-flight.
@@ -65,7 +68,7 @@ def main() -> None:
     """Fly, and write both files."""
     argparse.ArgumentParser(prog="python -m experiments.samples", description=__doc__).parse_args()
     for page, (policies, scenarios) in PAGES.items():
-        table = pd.concat(sample(p, s) for s in find_scenarios([scenarios]) for p in policies)
+        table = pd.concat(sample(p, s) for s in find_scenarios(scenarios) for p in policies)
         write_text(DOCS / page / "sample.csv", table.to_csv(index=False, lineterminator="\n"))
 
 

@@ -30,7 +30,7 @@ PARTS: list[tuple[int, Layers, dict[str, Any]]] = [
 ]
 ROWS, EDGES = 8, (0, 3, 4, 8)
 SLICES = [slice(*edge) for edge in pairwise(EDGES)]
-INFOS = ("tracking_error", "tilt", "reward_terms")
+INFOS = ("tracking_error", "tilt", "cause", "reward_terms")
 
 
 def parts() -> list[VectorEnv[Any, Any, Any]]:
