@@ -120,9 +120,8 @@ class ContinuousLoop:
         bob = s.position + self.policy.simulation.parameters.rod_length * s.direction
         error = np.array([bob[0], bob[1], s.position[2]]) - reference[0, :3]
         euler = s.euler - [0.0, 0.0, reference[0, 3]]
-        wanted = Derivatives(
-            *(Vec3(*row) for row in reference[2:, :3]), Vec3(*reference[:3, 3]), *[Vec3(0.0, 0.0, 0.0)] * 2
-        )
+        still = [Vec3(0.0, 0.0, 0.0)] * 2  # without drag
+        wanted = Derivatives._make([*(Vec3(*row) for row in reference[2:, :3]), Vec3(*reference[:3, 3]), *still])
         return make_measurement(Vec3(*error), Vec3(*s.direction), Vec3(*euler), wanted, self._model, None)
 
     def _control(self, loop: Floats, reference: Floats) -> tuple[AdrcMeasurement, Floats]:
