@@ -130,7 +130,8 @@ class World:
         self._can_step = False
         self._columns_size = SAMPLE_SIZE + (SENSED_SIZE if self._sensors.models else 0)
         self._columns = np.zeros((self._columns_size, num_envs))  # wind and sensed values of the kernel
-        self._checks_first = bool(actuators or scenario.loop or scenario.autopilot) or num_threads > 1 or self._holds
+        changes_first = actuators, scenario.loop, scenario.autopilot, task.jumps  # before the kernel checks the action
+        self._checks_first = any(changes_first) or num_threads > 1 or self._holds
         drawn = self._parameter_ranges is not None, scenario.loop is not None
         self.step_info = StepInfo(self._moves_air, bool(actuators), *drawn)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.

@@ -36,6 +36,8 @@ def test_the_bounds_of_survival_and_of_its_loss_agree_with_published_formulas_an
     every, z = np.ones((1, 268), np.bool_), stats.norm.ppf(0.95)
     assert least_proportion(every) == pytest.approx(0.05 ** (1 / 268))
     assert least_proportion(~every) == 0.0
+    every_seed = np.ones((5, 268), np.bool_)  # which fly the same episodes
+    assert least_proportion(every_seed) == least_proportion(every)
     assert largest_loss(every, every) == pytest.approx(z**2 / (268 + z**2))
     assert largest_loss(every, every) < 0.01 < largest_loss(every[:, 1:], every[:, 1:])
     assert largest_loss(~every, every) == 1.0

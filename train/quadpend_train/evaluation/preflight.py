@@ -56,18 +56,19 @@ class DataSheet:
         out = [f"Warning: not enough {name}" for name in short]
         if weak:
             out.append(f"Warning: the limit is below the everyday strength of: {', '.join(weak)}")
-        if short:
+        if short or any(not self.events[name].commanded for name in weak):  # what no pilot can leave out
             return [*out, "Fly first: nothing; mend what is not enough, or take another policy"]
         reserves = [f"{name} ({ratio:.2g} times)" for ratio, name in sorted((x, name) for name, x in ratios.items())]
         steps = [
-            f"{name} {format_number(FIRST * self.limits[name].value)} {event.unit}"
+            f"{name} {format_number(min(FIRST * self.limits[name].value, event.everyday))} {event.unit}"
             for name, event in self.events.items()
             if event.commanded and name not in weak
         ]
         return [
             *out,
             f"Smallest reserves: {', '.join(reserves[len(weak) :][:3])}",
-            f"Fly first: hover in still air; then, up to {FIRST:g} of the limits, {', '.join(steps)}",
+            f"Fly first: hover in still air; then, up to {FIRST:g} of the limits and everyday strength,"
+            f" {', '.join(steps)}",
         ]
 
 

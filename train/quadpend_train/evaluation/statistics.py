@@ -77,9 +77,11 @@ def proportion(successes: Booleans) -> Interval:
 def least_proportion(successes: Booleans) -> float:
     """Lower one-sided 95 % bound of the share of successes, shape (s, n).
 
-    It is Clopper and Pearson's of all s n episodes, which holds for any share; for several seeds at most that of (1).
+    It is Clopper and Pearson's of n episodes, which holds for any share; for several seeds at most that of (1). Seeds
+    fly the same episodes, so s of them count as one that has their mean, rounded down.
     """
-    found = stats.binomtest(int(successes.sum()), successes.size, alternative="greater")
+    seeds, episodes = successes.shape
+    found = stats.binomtest(int(successes.sum()) // seeds, episodes, alternative="greater")
     return min(float(found.proportion_ci(CONFIDENCE, "exact").low), -_bound(-successes.astype(np.float64)))
 
 
