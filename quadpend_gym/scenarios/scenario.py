@@ -14,6 +14,7 @@ from quadpend_gym.actuators import ActuatorsField, check_chain
 from quadpend_gym.autopilots import AutopilotField, Betaflight
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.settings import Range, settings
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.randomization import Around, LoopRanges, ParameterRanges, RangesField
 from quadpend_gym.sensors import SensorsField, check_periods
 from quadpend_gym.tasks.feasibility import check_feasible
@@ -23,7 +24,7 @@ from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES, Simulation, Vehicle
 from quadpend_gym.vehicles.simulation import Interface
 from quadpend_gym.vehicles.vehicle import VehicleField
 from quadpend_gym.wind import PRESETS, as_wind
-from quadpend_gym.wind.base import WINDS
+from quadpend_gym.wind.base import WINDS, can_hold
 from quadpend_gym.wind.steady import Factors, Relative, Rising, for_vehicle, rescaled
 
 __all__ = ["Scenario", "scenario_data"]
@@ -69,6 +70,8 @@ class Scenario:
         if self.task.trajectory is not None:
             check_feasible(self.task.trajectory, self.simulation, self.task.side)
         check_chain(self.actuators, self.simulation)
+        if can_hold(self.wind_models):
+            _ = plant_of(self.simulation).held_kernel  # refuses a vehicle whose pole cannot be held
         check_periods(self.sensors, self.period)
         if self.unscored_steps >= self.steps:
             raise ValueError(f"unscored must be less than the duration of {self.duration:g} s, not {self.unscored:g} s")
