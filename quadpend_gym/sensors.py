@@ -19,7 +19,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
-from quadpend_gym.core.events import first_events, next_events, present_events
+from quadpend_gym.core.events import first_events, next_events, present_events, take_due
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.models import FromFactory, Model, Registry, ZeroInitialized
 from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings
@@ -312,10 +312,8 @@ class Outliers:
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the error of an outlier whose time has come."""
-        time = (step + 0.5) * period
-        hit = (time > memory[:, 0])[:, np.newaxis]
-        measured[:, STATE_FIELDS["position"]] += np.where(hit, memory[:, 2:5], 0.0)
-        present_events(memory, time, streams, self._draw_next)
+        error = take_due(memory, (step + 0.5) * period, streams, self._draw_next, 0.0)
+        measured[:, STATE_FIELDS["position"]] += error
 
 
 @SENSORS.add

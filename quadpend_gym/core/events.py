@@ -38,3 +38,10 @@ def present_events(memory: Floats, time: Any, streams: Streams, draw: Draw) -> B
     while (ended := time > memory[:, 0] + memory[:, 1]).any():
         draw(memory, ended, streams)
     return np.asarray(time > memory[:, 0])
+
+
+def take_due(memory: Floats, time: Any, streams: Streams, draw: Draw, otherwise: Any) -> Floats:
+    """Return what an event without a length has drawn, if its time has come, else another value, and draw the next."""
+    found = np.where((time > memory[:, 0])[:, np.newaxis], memory[:, 2:-1], otherwise)
+    present_events(memory, time, streams, draw)
+    return found

@@ -341,9 +341,10 @@ class _Generator:
 
     def _observe(self, measured: Any, parameters: Any, point: Any) -> Any:
         state, out = columns(list(measured[0])), columns([], ALL.size)
-        tracking = lift(tracking_errors)(state, 0, parameters[ROD_LENGTH], Target(point.d0, point.d1, point.yaw))
+        target = Target(point.d0, point.d1, point.yaw)
+        tracking = lift(tracking_errors)(state, 0, parameters[ROD_LENGTH], target)
         believed = parameters if self.scenario.pole_told else self.simulation.parameters.as_array()
-        lift(observe_target)(point, believed[ROD_LENGTH], believed[BOB_MASS], 0, out)
+        lift(observe_target)(target, believed[ROD_LENGTH], believed[BOB_MASS], 0, out)
         lift(observe_measured)(state, 0, state[AGE, 0], out, 0)
         lift(observe_state)(state, 0, tracking, out, 0)
         lift(observe_reference)(point, 0, out)
@@ -426,7 +427,7 @@ class _Generator:
         tracking = lift(tracking_errors)(lanes, 0, rod_length, Target(point.d0, point.d1, point.yaw))
         cosine, weights = task.side * lanes[DIRECTION + 2, 0], make_weights(task)
         limits = make_limits(task, simulation)
-        ended = ca.fmax(lost, lift(step_kernel.is_outside)(lanes, 0, tracking.error, rod_length, limits))
+        ended = ca.fmax(lost, lift(step_kernel.cause_of_fall)(lanes, 0, tracking.error, rod_length, limits))
         terms = lift(rewards.reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(issued), 0, weights.tip)
         reward = lift(rewards.reward)(terms, cosine, lift(load)(lanes, DIRECTION_RATE, 0), weights)
         measured, step = rows([*lanes[:STATE_SIZE, 0], 0.0]), self._step(draws.clock + 1)

@@ -145,7 +145,8 @@ def observation_function() -> Any:
     lift(observe_state)(state, 0, tracking, out, 0)
     lift(observe_reference)(point, 0, out)
     lift(observe_measured)(state, 0, 0.0, out, 0)
-    lift(observe_target)(point, x["parameters"][ROD_LENGTH], x["parameters"][BOB_MASS], 0, out)
+    target, p = Target(point.d0, point.d1, point.yaw), x["parameters"]
+    lift(observe_target)(target, p[ROD_LENGTH], p[BOB_MASS], 0, out)
     return _function("observation", x, observation=vector(out), tracking_error=vector(tracking.error))
 
 

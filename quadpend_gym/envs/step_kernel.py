@@ -99,7 +99,7 @@ def has_diverged(state: Any, lane: int) -> float:
 
 
 @inlined
-def is_outside(state: Any, lane: int, error: Vec3, rod_length: float, limits: layout.KernelLimits) -> float:
+def cause_of_fall(state: Any, lane: int, error: Vec3, rod_length: float, limits: layout.KernelLimits) -> float:
     """Return the limit of the task that the state exceeds, a place in `outcome.CAUSES`, or 0."""
     height, vertical = state[POSITION + 2, lane], state[DIRECTION + 2, lane]
     found = select(min(height, height + limits.reach * rod_length * vertical) <= limits.ground, rows.GROUND, 0.0)
@@ -140,7 +140,7 @@ def _measure(
     store(out, _TRACKING_ERROR, lane, tracking.error)
     out[rows.TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - limits.side)), 1.0))
     out[rows.REWARD, lane] = reward(terms, cosine, load(state, DIRECTION_RATE, lane), weights)
-    out[rows.TERMINATED, lane] = is_outside(state, lane, tracking.error, rod_length, limits)
+    out[rows.TERMINATED, lane] = cause_of_fall(state, lane, tracking.error, rod_length, limits)
 
 
 @inlined
@@ -247,11 +247,8 @@ def _run(
             _copy(buffer, lanes, outcome[:, first:])
             if observation.shape[1] > _USUAL:
                 for lane in range(lanes):
-                    row, point = memory[first + lane], reference_at(reference_lanes, lane, time[lane])
-                    if points.shape[1] > 0 and row[layout.MEMORY_TRAJECTORY] >= 0.0:
-                        point = load_point(points, first + lane)
-                    length, mass = row[layout.MEMORY_POLE.start], row[layout.MEMORY_POLE.start + 1]
-                    observe_target(point, length, mass, lane, observation_lanes)
+                    pole = memory[first + lane, layout.MEMORY_POLE]
+                    observe_target(load_target(sensed_lanes, lane), pole[0], pole[1], lane, observation_lanes)
                     observe_measured(state_lanes, lane, 0.0, observation_lanes, lane)
             if task.has_sensors:
                 _copy(sensed_lanes, lanes, sensed[: layout.SENSED_AGE, first:])

@@ -65,7 +65,7 @@ from quadpend_gym.wind.base import can_hold
 
 # Rows of `World._columns`: the sensed state, and what sensors change of it, with the age of the sample.
 _SENSED_STATE = slice(SAMPLE_SIZE + SENSED_STATE.start, SAMPLE_SIZE + SENSED_STATE.stop)
-_SAMPLE = slice(_SENSED_STATE.start, _SENSED_STATE.stop + 1)
+_MEASUREMENT = slice(_SENSED_STATE.start, _SENSED_STATE.stop + 1)
 
 
 class World:
@@ -278,11 +278,11 @@ class World:
         self._sensors.start_episodes(
             rows, streams, lambda model, memory, random: model.sense(measured, memory, step, period, random)
         )
-        self._columns[_SAMPLE, rows] = measured.T
+        self._columns[_MEASUREMENT, rows] = measured.T
 
     def _sense(self) -> None:
         """Let the sensors change the states that the kernel wrote, and their ages."""
-        period, measured = self.simulation.period, self._columns[_SAMPLE].T
+        period, measured = self.simulation.period, self._columns[_MEASUREMENT].T
         self._columns[SAMPLE_SIZE + SENSED_AGE] = 0.0
         self._sensors.apply(lambda model, memory, random: model.sense(measured, memory, self.clock, period, random))
 
@@ -322,7 +322,7 @@ class World:
         if self.scenario.loop is not None:
             outcome[LOOP] = schedule.drawn[:, rows]
         if self._sensors.models:
-            columns[_SAMPLE] = self._columns[_SAMPLE, rows]
+            columns[_MEASUREMENT] = self._columns[_MEASUREMENT, rows]
             observe_sensed(columns, observation)
         return observation, outcome
 

@@ -267,7 +267,7 @@ def _hold(
 
 
 @inlined
-def release(state: Any, hand: Any, disturbance: Any, *_: Any) -> Any:
+def _release(state: Any, hand: Any, disturbance: Any, *_: Any) -> Any:
     """Return the disturbance, in place of `_hold`."""
     return disturbance
 
@@ -343,7 +343,7 @@ def _store_command(action: Any, rigid: RigidSettings, loops: Any, lane: int, sta
 
 
 @inlined
-def integrate_rigid(
+def _integrate(
     hold: Any,
     state: Any,
     issued: Any,
@@ -360,7 +360,7 @@ def integrate_rigid(
 ) -> None:
     """Advance one block by a control period, as `integrate_euler`.
 
-    `hold` is `_hold`, or `release` where nothing can hold the pole.
+    `hold` is `_hold`, or `_release` where nothing can hold the pole.
     """
     for lane in range(lanes):
         add_drag(load(velocity, 0, lane), state, physics, lane, disturbance)
@@ -393,71 +393,18 @@ def integrate_rigid(
 
 
 @inlined
-def _integrate_released(
-    state: Any,
-    issued: Any,
-    loops: Any,
-    disturbance: Any,
-    velocity: Any,
-    hand: Any,
-    physics: Any,
-    rigid: RigidSettings,
-    lanes: int,
-    period: float,
-    substeps: int,
-    command: Any,
-) -> None:
-    integrate_rigid(
-        release,
-        state,
-        issued,
-        loops,
-        disturbance,
-        velocity,
-        hand,
-        physics,
-        rigid,
-        lanes,
-        period,
-        substeps,
-        command,
-    )
+def integrate_rigid(*arguments: Any) -> None:
+    """Advance one block by a control period, as `integrate_euler`; nothing holds the pole."""
+    _integrate(_release, *arguments)
 
 
 @inlined
-def _integrate_held(
-    state: Any,
-    issued: Any,
-    loops: Any,
-    disturbance: Any,
-    velocity: Any,
-    hand: Any,
-    physics: Any,
-    rigid: RigidSettings,
-    lanes: int,
-    period: float,
-    substeps: int,
-    command: Any,
-) -> None:
-    integrate_rigid(
-        _hold,
-        state,
-        issued,
-        loops,
-        disturbance,
-        velocity,
-        hand,
-        physics,
-        rigid,
-        lanes,
-        period,
-        substeps,
-        command,
-    )
+def _integrate_held(*arguments: Any) -> None:
+    _integrate(_hold, *arguments)
 
 
 _OTHERS = store_outputs, _store_axis, _store_command
-RIGID_KERNEL = PlantKernel(RIGID_SIZE, RIGID_LANE_SIZE, _integrate_released, *_OTHERS)
+RIGID_KERNEL = PlantKernel(RIGID_SIZE, RIGID_LANE_SIZE, integrate_rigid, *_OTHERS)
 HELD_KERNEL = PlantKernel(RIGID_SIZE, RIGID_LANE_SIZE, _integrate_held, *_OTHERS)
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.events import first_events, next_events, present_events
+from quadpend_gym.core.events import first_events, next_events, take_due
 from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.tasks.references import CHANNELS
@@ -43,7 +43,4 @@ class Jumps:
 
         `offset`, shape (n, 4), is that of the channels (F_x, F_y, z, ψ) from the reference without jumps.
         """
-        time = (step + 0.5) * period
-        hit = (time > memory[:, 0])[:, np.newaxis]
-        offset[:] = np.where(hit, memory[:, 2:-1], offset)
-        present_events(memory, time, streams, self._draw_next)
+        offset[:] = take_due(memory, (step + 0.5) * period, streams, self._draw_next, offset)

@@ -226,13 +226,7 @@ _RECIPROCAL = (1.0 / ALL.scale).astype(np.float32)
 
 
 @inlined
-def _store_scaled(out: Any, first: int, lane: int, a: Vec3) -> None:
-    for i in range(3):
-        out[first + i, lane] = np.float32(a[i]) * _RECIPROCAL[first + i]
-
-
-@inlined
-def _store_numbers(out: Any, first: int, lane: int, numbers: Any) -> None:
+def _store_scaled(out: Any, first: int, lane: int, numbers: Any) -> None:
     for i in range(len(numbers)):
         out[first + i, lane] = np.float32(numbers[i]) * _RECIPROCAL[first + i]
 
@@ -269,13 +263,13 @@ def observe_reference(reference: ReferencePoint, lane: int, out: Any) -> None:
 def observe_measured(state: Any, lane: int, age: float, out: Any, place: int) -> None:
     """Write the fields of `LAB` that depend on the measured state in column `lane`, and the age of the sample (s)."""
     _store_scaled(out, _POSITION, place, load(state, POSITION, lane))
-    _store_numbers(out, _QUATERNION, place, quaternion_from_euler(load(state, EULER, lane)))
+    _store_scaled(out, _QUATERNION, place, quaternion_from_euler(load(state, EULER, lane)))
     out[_AGE, place] = np.float32(age) * _RECIPROCAL[_AGE]
 
 
 @inlined
-def observe_target(reference: ReferencePoint, length: float, mass: float, lane: int, out: Any) -> None:
+def observe_target(target: Target, length: float, mass: float, lane: int, out: Any) -> None:
     """Write the fields of `LAB` that depend on the reference, and the pole that is believed, l (m) and m (kg)."""
-    _store_scaled(out, _REFERENCE_0, lane, reference.d0)
-    _store_scaled(out, _REFERENCE_1, lane, reference.d1)
-    _store_numbers(out, _POLE, lane, (length, mass))
+    _store_scaled(out, _REFERENCE_0, lane, target.position)
+    _store_scaled(out, _REFERENCE_1, lane, target.velocity)
+    _store_scaled(out, _POLE, lane, (length, mass))

@@ -109,8 +109,8 @@ def flatness(
 ) -> Four:
     """Return thrust (N) and torques (N·m) of equations (1)–(7)."""
     p, r, r_dot, followed = model.physics, s.direction, s.direction_rate, equivalent_reference(reference, model)
-    path = flat_trajectory(followed, equivalent_forces(disturbance, model), p)
-    d = with_drag(equivalent_forces(disturbance, model), followed, p)
+    still = equivalent_forces(disturbance, model)
+    path, d = flat_trajectory(followed, still, p), with_drag(still, followed, p)
     t0, t1, _ = coefficients(tangent_from_attitude(s.euler, s.euler_rate))
     axis_height = max(sincos(s.euler.x)[1] * sincos(s.euler.y)[1], _MIN_AXIS_HEIGHT)
     demanded = reference.d2.z - _feedback(s.velocity.z, s.position.z, gains.damping, gains.vertical_bandwidth)

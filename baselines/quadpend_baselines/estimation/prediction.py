@@ -43,7 +43,7 @@ from quadpend_gym.physics.attitude import Quaternion, rotation_matrix, to_body, 
 from quadpend_gym.physics.drag import AIR_DENSITY, drag_force
 from quadpend_gym.physics.euler_kernel import EulerSettings, integrate_euler
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
-from quadpend_gym.physics.rigid_kernel import QUATERNION, RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, release
+from quadpend_gym.physics.rigid_kernel import QUATERNION, RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, BOB_FORCE, DISTURBANCE_SIZE, FORCE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, load, load_four, norm, scale, store, store_four
@@ -155,10 +155,7 @@ def advance(
         for i in range(RIGID_SIZE):
             buffer[RIGID + i, 0] = memory[RIGID_PART + i, lane]
         store(air, 0, 0, Vec3(0.0, 0.0, 0.0))
-        hand = air  # not read
-        integrate_rigid(
-            release, lanes, issued, numbers, forces, air, hand, parameters, rigid, 1, period, substeps, command
-        )
+        integrate_rigid(lanes, issued, numbers, forces, air, air, parameters, rigid, 1, period, substeps, command)
         for i in range(RIGID_SIZE):
             memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
         store_drag(memory, lane, plant, rigid.rotor_drag)
