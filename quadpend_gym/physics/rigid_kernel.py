@@ -343,25 +343,9 @@ def _store_command(action: Any, rigid: RigidSettings, loops: Any, lane: int, sta
 
 
 @inlined
-def _integrate(
-    hold: Any,
-    state: Any,
-    issued: Any,
-    loops: Any,
-    disturbance: Any,
-    velocity: Any,
-    hand: Any,
-    physics: Any,
-    rigid: RigidSettings,
-    lanes: int,
-    period: float,
-    substeps: int,
-    command: Any,
-) -> None:
-    """Advance one block by a control period, as `integrate_euler`.
-
-    `hold` is `_hold`, or `_release` where nothing can hold the pole.
-    """
+def _integrate(hold: Any, arguments: Any) -> None:
+    """Advance one block by a control period; `hold` is `_hold`, or `_release` where nothing can hold the pole."""
+    state, issued, loops, disturbance, velocity, hand, physics, rigid, lanes, period, substeps, command = arguments
     for lane in range(lanes):
         add_drag(load(velocity, 0, lane), state, physics, lane, disturbance)
         body = rigid_physics(load_physics(physics, lane), rigid.correlation, rigid.pivot, rigid.shape)
@@ -395,12 +379,12 @@ def _integrate(
 @inlined
 def integrate_rigid(*arguments: Any) -> None:
     """Advance one block by a control period, as `integrate_euler`; nothing holds the pole."""
-    _integrate(_release, *arguments)
+    _integrate(_release, arguments)
 
 
 @inlined
 def _integrate_held(*arguments: Any) -> None:
-    _integrate(_hold, *arguments)
+    _integrate(_hold, arguments)
 
 
 _OTHERS = store_outputs, _store_axis, _store_command
