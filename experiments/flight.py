@@ -28,7 +28,7 @@ from quadpend_train.evaluation.ranking import gentle, multiple, survivors
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, tables
 
-POLICIES = "lqg", "dual-mode", "flatness", "lqi", "adrc-matched", "apg-flight"
+POLICIES = "lqg", "dual-mode", "flatness", "lqi", "adrc-matched", "adrc-paper", "apg-flight"
 MARKERS = "os^vDP*X<>ph"
 FOLDER, DELAY, ROWS = DOCS / "flight", "extra delay", 10  # rows of the table in the README
 EVENTS = {**events(SCENARIOS[BASE]), DELAY: extra_delay(SCENARIOS[BASE])}

@@ -9,11 +9,10 @@ from typing import Any
 
 
 def flat(values: Mapping[str, Any], table: str = "") -> dict[str, Any]:
-    """Return the values of nested mappings by path; a range, which is a mapping with ``low``, is a value."""
+    """Return the values of nested mappings by path."""
     found: dict[str, Any] = {}
     for name, value in values.items():
-        is_table = isinstance(value, Mapping) and "low" not in value
-        found |= flat(value, f"{table}{name}.") if is_table else {f"{table}{name}": value}
+        found |= flat(value, f"{table}{name}.") if isinstance(value, Mapping) else {f"{table}{name}": value}
     return found
 
 

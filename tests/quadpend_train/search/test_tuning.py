@@ -27,9 +27,8 @@ from tests.helpers.scenarios import shorten_scenarios
 )
 def test_the_gains_are_within_the_ranges_of_the_search(name: str, vehicle: str) -> None:
     simulation = Simulation(vehicle=vehicle)
-    for path, given in tuning.search_space(name, simulation).items():
-        assert given["low"] <= attrgetter(path)(gains_for(name, simulation)) <= given["high"], path
-        assert given["low"] <= given["start"] <= given["high"], path
+    for path, (low, high) in tuning.search_space(name, simulation).items():
+        assert low <= attrgetter(path)(gains_for(name, simulation)) <= high, path
 
 
 def test_gains_with_too_small_a_delay_margin_do_not_fly(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,9 +2,10 @@
 
 The score is the penalised RMSE in mm, averaged over the episodes and then over the scenarios, by default those of the
 set ``training``. The scenarios must have the same nominal simulation, for which the controllers are designed. A fall
-counts as 1 m, the largest possible value of an episode. The search (CMA-ES of Optuna) minimises a loss that adds a
-larger term for an earlier fall. So the search also makes progress between gains with which every episode ends in a
-fall. The best gains are rounded to three digits and scored in episodes that the search has not used.
+counts as 1 m, the largest possible value of an episode. The search (CMA-ES of Optuna) starts from the present gains,
+and minimises a loss that adds a larger term for an earlier fall. So the search also makes progress between gains with
+which every episode ends in a fall. The best gains are rounded to three digits and scored in episodes that the search
+has not used.
 
 The search space of a controller can ask for a delay margin, by which all its actions can come later than expected
 before the loop at hover is unstable (`quadpend_baselines.modelling.linear_loop`, which needs the extra `control`).
@@ -44,9 +45,8 @@ from quadpend_train.search.shared import SPACES, open_study, run_trials
 from quadpend_train.training.environment import concatenate_scenarios
 
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
-SCORE_EPISODES = 200
-# For each controller, ranges and initial values of gains, {low, high, start}, by the path of the gain: for the paper's
-# vehicle, and for the hummingbird
+SCORE_EPISODES = 48
+# For each controller, ranges of gains, [low, high], by their paths: for the paper's vehicle, and for the hummingbird
 _DATA = read_mapping(SPACES / "gains.toml")
 LEAST_MARGINS: dict[str, float] = _DATA.pop("delay_margin")  # s, of rigid vehicles
 SEARCH_SPACES, HUMMINGBIRD_SPACES = ({name: flat(given) for name, given in group.items()} for group in _DATA.values())
@@ -81,8 +81,8 @@ class Search:
         self.env = concatenate_scenarios(found, episodes * len(found))
         ranges = search_space(name, simulation)
         self.present = gains_for(name, self.designed)
-        self.start = {path: given["start"] for path, given in ranges.items()}
-        self.space = {path: FloatDistribution(given["low"], given["high"], log=True) for path, given in ranges.items()}
+        self.space = {path: FloatDistribution(*given, log=True) for path, given in ranges.items()}
+        self.start = {path: attrgetter(path)(self.present) for path in self.space}
 
     def open(self, storage: str, seed: int = 0) -> optuna.Study:
         """Open or create the study in a storage."""
@@ -127,7 +127,7 @@ class Search:
         return max(1.0 - linear_loop.margins(linear_loop.vehicle_model(scenario), linear).delay / least, 0.0)
 
 
-def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float]]:
+def search_space(name: str, simulation: Simulation) -> dict[str, tuple[float, float]]:
     """Return the ranges for a vehicle, which are in proportion to its gains."""
     spaces = HUMMINGBIRD_SPACES if simulation.vehicle.attitude == "rigid" else SEARCH_SPACES
     if name not in spaces:
@@ -142,7 +142,7 @@ def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float
         models = [equivalent_model(item).parameters for item in (hummingbird, simulation)]
         own = scale_gains(given_for, *models)
     ratios = {path: attrgetter(path)(own) / attrgetter(path)(given_for) for path in spaces[name]}
-    return {path: {key: value * ratios[path] for key, value in given.items()} for path, given in spaces[name].items()}
+    return {path: (low * ratios[path], high * ratios[path]) for path, (low, high) in spaces[name].items()}
 
 
 def fly(policy: Policy, env: VectorEnv[Any, Any, Any], scenarios: Sequence[Scenario], seed: int) -> EpisodeResults:
