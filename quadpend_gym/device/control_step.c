@@ -121,7 +121,7 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
      real *memory, real *out, real *final, unsigned char *ends) {
   EACH_ROW {
     real m[N_MEMORY], u[SOME(ACTUATE_DRAWS)], v[SOME(BLOW_DRAWS)], w[SOME(FINISH_DRAWS)], given[4], late;
-    real queue[4 * N_SLOTS], arrival[N_SLOTS], acting[4], force[9], air[3], x[N_X], after[N_X];
+    real queue[4 * N_SLOTS], arrival[N_SLOTS], acting[4], force[9], air[N_AIR], x[N_X], after[N_X];
     real act[SOME(N_ACT)], wind[SOME(N_WIND)], sense[SOME(N_SENSE)], jump[SOME(N_JUMP)], loop[SOME(N_LOOP)];
     real observation[N_OBSERVATION], reward, ended, error[3];
     LOAD(m, memory, N_MEMORY);

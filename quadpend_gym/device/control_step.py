@@ -65,7 +65,7 @@ from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
 from quadpend_gym.tasks.trajectories import is_one_term, reference_at
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
-from quadpend_gym.wind.base import can_hold
+from quadpend_gym.wind.base import SAMPLE_SIZE, can_hold
 
 _NOUNS = {"act": "actuator", "wind": "wind", "sense": "sensor"}
 
@@ -192,9 +192,8 @@ class _Generator:
             raise ValueError(
                 "device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference without terms"
             )
-        if can_hold(scenario.wind_models):
-            raise ValueError("device: the generated kernel has no wind 'hold': leave it out")
-        self.plant = plant_of(self.simulation)
+        self.plant, self.holds = plant_of(self.simulation), can_hold(scenario.wind_models)
+        self.kernel = self.plant.held_kernel if self.holds else self.plant.kernel
         self.loop = None if scenario.loop is None else Schedule(scenario.loop, self.simulation, 1)
         self.moves_air = any(model.moves_air for model in scenario.wind_models)
         count = actions_under_way(self.simulation, scenario.loop)
@@ -213,7 +212,13 @@ class _Generator:
             "loop": LOOP_SIZE + 1 if self.loop else 0,
         }
         ends = [0, *accumulate(sizes.values())]
-        self.sizes = sizes | {"slots": count + 1, "memory": ends[-1], "observation": scenario.observation.size}
+        air = 3 + (SAMPLE_SIZE - WIND_SIZE if self.holds else 0)
+        self.sizes = sizes | {
+            "slots": count + 1,
+            "memory": ends[-1],
+            "observation": scenario.observation.size,
+            "air": air,
+        }
         self.parts = {name: slice(*pair) for name, pair in zip(sizes, pairwise(ends), strict=True)}
         self._symbols: Any = ca.SX.sym("m", ends[-1])
         self._memory = self._symbols
@@ -232,7 +237,7 @@ class _Generator:
                 entries[i] = m[i]
         self._memory = ca.vertcat(*entries)
         action, acting, issued = (ca.SX.sym(name, ACTION_SIZE) for name in ("action", "acting", "issued"))
-        x, force, air = (ca.SX.sym("x", self.sizes["x"]), ca.SX.sym("force", DISTURBANCE_SIZE), ca.SX.sym("air", 3))
+        x, force, air = (ca.SX.sym(name, self.sizes.get(name, DISTURBANCE_SIZE)) for name in ("x", "force", "air"))
         given = {"m": memory, "clock": clock}
         draws = self._draws(clock)
         text += self._c("actuate", draws, {"action": action, **given}, **self._act(draws, action))
@@ -244,7 +249,7 @@ class _Generator:
         text += self._c("substep", None, {"m": memory, **arguments}, next_x=following)
         draws = self._draws(clock)
         text += self._c("finish", draws, {"x": x, "issued": issued, **given}, **self._finish(draws, x, issued))
-        if self.loop is None:
+        if self.loop is None and not self.holds:
             text += f"#ifdef MOTION\n{self._derivatives(arguments)}#endif\n"
         sizes = self.sizes | {
             "substeps": self.simulation.substeps,
@@ -373,13 +378,13 @@ class _Generator:
         return ca.if_else(draws.clock >= step[0], ca.vertcat(*after, latency[0]), loop)
 
     def _blow(self, draws: _Draws) -> dict[str, Any]:
-        """Return forces and torque with drag, the velocity of the air, and the memory of the wind."""
-        wind, step = rows([0.0] * WIND_SIZE), self._step(draws.clock)
+        """Return forces and torque with drag, the velocity of the air and a hand, and the memory of the wind."""
+        wind, step = rows([0.0] * (SAMPLE_SIZE if self.holds else WIND_SIZE)), self._step(draws.clock)
         period = self.simulation.period
         memory = self._apply(draws, "wind", lambda model, *own: model.sample(wind, own[0], step, period, own[1]))
         whole = ca.SX(vector(wind))
         force, air = self.drag(self._part("x"), whole, self._part("parameters"))
-        return {"force": force, "air": air, "wind": ca.vertcat(*memory)}
+        return {"force": force, "air": ca.vertcat(air, whole[WIND_SIZE:]), "wind": ca.vertcat(*memory)}
 
     def drag(self, x: Any, wind: Any, parameters: Any) -> tuple[Any, Any]:
         """Return forces and torque with drag, which are constant during a control period, and the air's velocity."""
@@ -395,9 +400,10 @@ class _Generator:
         loops = columns(numbers[:LOOP_SIZE], LOOP_SIZE + 1)
         loops[LOOP_SIZE, 0] = 0.0  # the action acts that is issued
         lanes, plant = self._lanes(x), self.plant
-        flying = lanes, columns(acting), loops, disturbance, columns(air), columns([], 4), physics, plant.settings()
+        blowing = disturbance, columns(air[:3]), columns(air[3:])
+        flying = lanes, columns(acting), loops, *blowing, physics, plant.settings()
         nothing = dict.fromkeys((add_drag, store_outputs), lambda *_: None)  # once in a control period
-        lift(plant.kernel.integrate, nothing)(*flying, 1, h, 1, columns([], COMMAND_SIZE))
+        lift(self.kernel.integrate, nothing)(*flying, 1, h, 1, columns([], COMMAND_SIZE))
         own = lanes[LANE_STATE_SIZE : LANE_STATE_SIZE + plant.memory_size]
         return ca.vertcat(vector(lanes[:STATE_SIZE]), vector(own))
 

@@ -23,6 +23,7 @@ from quadpend_gym.envs.spaces import action_space, observation_space
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 from quadpend_gym.scenarios.library import as_scenario
 from quadpend_gym.scenarios.scenario import Scenario, scenario_data
+from quadpend_gym.wind.base import can_hold
 
 Tensor = torch.Tensor
 
@@ -191,7 +192,7 @@ class Motion:
     `quadpend_gym.engines.functions`); the actions under way, the oldest first; action (4); wind (12); parameters (9).
 
     Args:
-        scenario: As in `QuadPendulumEnv`; its loop must not be drawn.
+        scenario: As in `QuadPendulumEnv`; its loop must not be drawn, and no hand holds the pole.
         device: As in `QuadPendulumDeviceEnv`, like `dtype` and `kernel`.
         parts: Fields of the scenario.
     """
@@ -202,6 +203,8 @@ class Motion:
         self.scenario = as_scenario(scenario, **parts)
         if self.scenario.loop is not None:
             raise ValueError("Motion has no drawn loop: leave `loop` out of the scenario")
+        if can_hold(self.scenario.wind_models):
+            raise ValueError("Motion has no hand: leave the wind 'hold' out of the scenario")
         made = Kernel.of(self.scenario, kernel)
         self.sizes, self.library = made.sizes, Library(made.source, device, _dtype(dtype), motion=True)
 

@@ -49,6 +49,7 @@ OWN: dict[str, dict[str, Any]] = {
         "wind": [
             {"kind": "gusts", "velocity": 3.0, "pause": [0.1, 0.2]},
             {"kind": "ornstein_uhlenbeck", "bob_force": 0.1},
+            {"kind": "hold", "until": [0.1, 0.5]},
         ],
     },
     "actuators and sensors": {
