@@ -77,7 +77,7 @@ def gusts(times: Floats) -> Floats:
 def simulate_sampled(period: float, duration: float = DURATION) -> Trajectory:
     """Simulate the sampled controller in the environment, with single-precision observations."""
     simulation = Simulation(period=period, substeps=max(1, round(2 * period / CONTROL_PERIOD)))
-    policy = controller_of("adrc-paper", tuning("adrc-paper").gains, simulation)
+    policy: Any = controller_of("adrc-paper", tuning("adrc-paper").gains, simulation)
     env = QuadPendulumEnv(period=period, substeps=simulation.substeps, duration=2.0 * duration, wind=GUSTS)
     observation, _ = env.reset(seed=SEED, options={"state": START, "reference": REFERENCE})
     every = round(RECORDING_PERIOD / period)

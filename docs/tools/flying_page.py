@@ -32,10 +32,10 @@ from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.scenarios.scenario import wind_models
 from quadpend_gym.tasks.observation import LAB
 from quadpend_gym.vehicles.parameters import BOB_MASS, ROD_LENGTH
-from quadpend_gym.viewer.snapshot import shape_of
+from quadpend_gym.viewer.snapshot import PAPER_SHAPE, shape_of
 from quadpend_train.export import to_c
 from quadpend_train.policies.loading import load_policy
-from quadpend_train.reports import html_page, recorded_episodes
+from quadpend_train.reports import html_page
 
 FOLDER = Path(__file__).with_name("flying")
 # Each vehicle's scenario, for which its policies are designed, and the policies; the last one is the best network. The
@@ -163,8 +163,7 @@ def _vehicle_c(vehicle: str) -> str:
 
 def page() -> str:
     """Return the page, which needs no other file."""
-    folders = [FOLDER, Path(html_page.__file__).with_name("templates")]
-    jinja = Environment(loader=FileSystemLoader(folders), undefined=StrictUndefined, autoescape=True)
+    jinja = Environment(loader=FileSystemLoader(FOLDER), undefined=StrictUndefined, autoescape=True)
     data = {vehicle: _page_data(vehicle) for vehicle in VEHICLES}
     return jinja.get_template("flying.html").render(data=Markup(json.dumps(data)))
 
@@ -172,7 +171,7 @@ def page() -> str:
 def _page_data(vehicle: str) -> dict[str, Any]:
     scenario, (_, policies) = design(vehicle), VEHICLES[vehicle]
     (wind,), limits = wind_models(scenario.wind, scenario.simulation), flown(vehicle).task.limits
-    parameters = scenario.simulation.parameters
+    parameters, shape = scenario.simulation.parameters, shape_of(scenario.vehicle)
     return {
         "policies": [{"name": name, **html_page.style(k)} for k, name in enumerate(policies)],
         "period": scenario.simulation.period,
@@ -181,7 +180,10 @@ def _page_data(vehicle: str) -> dict[str, Any]:
         "wind": {"force": wind.force, "decay": float(np.exp(-scenario.simulation.period / wind.time_constant))},
         "limits": [np.cos(limits.pendulum_angle), np.cos(limits.body_angle), limits.tracking_error],
         "rod_length": parameters.rod_length,
-        "shape": recorded_episodes.shape_data(shape_of(scenario.vehicle)),
+        "shape": {
+            **{name: np.asarray(size).tolist() for name, size in shape._asdict().items()},
+            "paper": shape is PAPER_SHAPE,
+        },
         "wasm": base64.b64encode(gzip.compress((FOLDER / f"{vehicle}.wasm").read_bytes(), 9, mtime=0)).decode(),
     }
 

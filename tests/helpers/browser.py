@@ -76,17 +76,6 @@ class Browser:
             assert time.monotonic() < end, f"the condition never became true: {condition}"
             time.sleep(0.02)
 
-    def find_colour(self, canvas: str, colour: str) -> list[float]:
-        """Return the horizontal positions of the pixels of a colour in a canvas, as shares of its width."""
-        number = int.from_bytes([*bytes.fromhex(colour[1:]), 255], "little")
-        script = f"""(canvas => {{
-            const pen = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", {{willReadFrequently: true}});
-            pen.drawImage(canvas, 0, 0);
-            const all = new Uint32Array(pen.getImageData(0, 0, canvas.width, canvas.height).data.buffer);
-            return [...all.keys()].filter(i => all[i] === {number}).map(i => i % canvas.width / canvas.width);
-        }})(document.getElementById("{canvas}"))"""
-        return list(self.run(script))
-
     def messages(self) -> list[Any]:
         """Return exceptions, console messages and log entries of the page."""
         kinds = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")

@@ -27,13 +27,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_one_command_ranks_the_example_in_a_report_with_a_replay(folder: Path) -> None:
+def test_one_command_ranks_the_example_in_a_report(folder: Path) -> None:
     scenarios = ['calm={"duration": 1.0}', 'turning={"wind": "turning:TurningForce", "duration": 1.0}']
     policies = ["mine:MyController", "flatness", "adrc-paper"]
-    main(["evaluate", *policies, "--scenarios", *scenarios, "--episodes", "2", "--replay", "1", "--cache", "cache"])
+    main(["evaluate", *policies, "--scenarios", *scenarios, "--episodes", "2", "--cache", "cache"])
     table = pd.read_csv(folder / "results/comparison.csv", comment="#")
     assert list(dict.fromkeys(table[table["scenario"] == "turning"]["policy"])) == policies
-    assert (folder / "results/report.html").read_text(encoding="utf-8").count('"fell": null') == 6
+    assert (folder / "results/report.html").is_file()
 
 
 def test_the_example_survives_and_beats_the_controller_of_the_paper_in_wind(folder: Path) -> None:

@@ -9,7 +9,6 @@ from gymnasium.vector import VectorEnv
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import ObservationLayout
 
@@ -58,10 +57,6 @@ class Policy:
         """Return the environment in which the policy flies, `env` or a wrapper around it."""
         return env
 
-    def estimated_disturbance(self, memory: Any) -> Floats:
-        """Return the estimated disturbance for a memory of `predict`, N and N·m, (n, 9); without one nan, (1, 9)."""
-        return np.full((1, DISTURBANCE_SIZE), np.nan)
-
 
 class PolicyWrapper(Policy):
     """A policy that changes what another one observes or commands."""
@@ -80,10 +75,6 @@ class PolicyWrapper(Policy):
     def wrap(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
         """Return the environment of the wrapped policy."""
         return self.policy.wrap(env)
-
-    def estimated_disturbance(self, memory: Any) -> Floats:
-        """Return the estimate of the wrapped policy."""
-        return self.policy.estimated_disturbance(memory)
 
 
 def episode_start_mask(episode_start: Any, first: bool, rows: int) -> Booleans:

@@ -81,7 +81,3 @@ class ToldPole(PolicyWrapper):
         return action.reshape(np.shape(observation)[:-1] + action.shape[1:]), ToldMemory(
             number, take_rows(back, concatenate_rows(memories))
         )
-
-    def estimated_disturbance(self, memory: ToldMemory) -> Any:
-        """Return the estimate of the policy for the nominal pole."""
-        return self.policy.estimated_disturbance(memory.memory)

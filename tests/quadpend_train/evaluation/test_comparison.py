@@ -104,7 +104,7 @@ def test_the_table_has_a_row_for_each_episode_and_its_csv_is_read_back(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["paper=adrc-paper", "adrc-matched", "--scenarios", "windy", "--episodes", "5"]
-    main(["evaluate", *arguments, "--replay", "0", "--out", str(tmp_path), "--cache", str(tmp_path / "cache")])
+    main(["evaluate", *arguments, "--out", str(tmp_path), "--cache", str(tmp_path / "cache")])
     assert "mine" not in capsys.readouterr().out
     table = compare({"paper": "adrc-paper", "adrc-matched": "adrc-matched"}, ["windy"], 5).table
     assert list(table.columns) == [*KEYS, *COLUMNS]

@@ -27,9 +27,6 @@ class Hover(Policy):
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return np.zeros((len(observation), 4), np.float32), state
 
-    def estimated_disturbance(self, memory):
-        return np.ones((1, 9))
-
 
 class Lqr:
     fingerprint = "2"
@@ -110,12 +107,6 @@ def test_an_own_controller_flies_as_the_same_controller_of_this_package_also_in_
     same, own, in_wrapper = (run_episodes([load_policy(name)], brief, 2).error for name in names)
     np.testing.assert_array_equal(own, same)
     np.testing.assert_array_equal(in_wrapper, same)
-
-
-def test_a_class_that_derives_from_policy_can_say_what_it_estimates(module: str) -> None:
-    adapted = load_policy(f"{module}:Hover").adapt(Scenario())
-    np.testing.assert_array_equal(adapted.estimated_disturbance(None), np.ones((1, 9)))
-    assert np.isnan(load_policy(f"{module}:Lqr").adapt(Scenario()).estimated_disturbance(None)).all()
 
 
 def test_results_of_an_own_policy_are_cached_only_with_a_fingerprint(module: str) -> None:

@@ -2,11 +2,9 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
 
 import tyro
 
-from quadpend_gym.core.settings import Range
 from quadpend_train.cli.options import Episodes, Jobs, Latency, Seed, named_scenarios
 from quadpend_train.evaluation.episodes import TEST_SEED
 
@@ -19,7 +17,6 @@ def evaluate(
     out: Path = Path("results"),
     jobs: Jobs = 1,
     cache: Path = Path("results/cache"),
-    replay: Annotated[int, Range(0, 1000)] = 2,
     vehicle: str | None = None,
     interface: str | None = None,
     autopilot: str | None = None,
@@ -44,7 +41,6 @@ def evaluate(
         out: Folder for report.html, the tables (.csv, .md) and the figure.
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results; only missing results are computed.
-        replay: Episodes of each scenario that the report can replay; 0 omits the replay.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
             wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
             the torque limits; wind velocities stay.
@@ -65,7 +61,6 @@ def evaluate(
         seed=seed,
         jobs=jobs,
         cache_folder=cache,
-        replay=replay,
     )
     comparison = made.comparison
     console = Console(width=None if sys.stdout.isatty() else 150, emoji=False, markup=False, highlight=False)

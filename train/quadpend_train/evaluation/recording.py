@@ -1,8 +1,7 @@
-"""Record one episode of a policy step by step, for `quadpend watch` and for the replay on the report page."""
+"""Record one episode of a policy step by step, for `quadpend watch`."""
 
 from typing import Any, NamedTuple
 
-import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines.policy.rollout import rollout
@@ -19,23 +18,12 @@ class Recording(NamedTuple):
 
     name: str
     snapshots: tuple[Snapshot, ...]  # after each step
-    estimate: Floats  # disturbance that the policy estimated in each step, nan where it estimates none, shape (T, 9)
     survived: bool
 
     @property
     def fell_at(self) -> float | None:
         """Time at which the episode terminated early, s; None if it did not."""
         return None if self.survived else self.snapshots[-1].time
-
-    @property
-    def error(self) -> Floats:
-        """Norm of the tracking error, m, shape (T,)."""
-        return np.array([snapshot.error for snapshot in self.snapshots])
-
-    @property
-    def disturbance(self) -> Floats:
-        """True disturbance, shape (T, 9), see `Snapshot`."""
-        return np.array([snapshot.disturbance for snapshot in self.snapshots])
 
 
 class _StepRecorder(Recorder):
@@ -56,8 +44,7 @@ def record_episode(name: str, policy: Any, scenario: Scenario, seed: int) -> Rec
     env = flown.wrap(scenario.make_vec(1, AutoresetMode.SAME_STEP))
     inner: Any = env.unwrapped
     inner.recorder = recorder = _StepRecorder(inner.world)
-    estimates, survived = [], False
+    survived = False
     for step in rollout(flown, env, seed):
         survived = bool(step.survived[0])
-        estimates.append(flown.estimated_disturbance(step.memory)[0])
-    return Recording(name, tuple(recorder.recorded), np.array(estimates), survived)
+    return Recording(name, tuple(recorder.recorded), survived)

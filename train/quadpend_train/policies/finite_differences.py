@@ -81,10 +81,6 @@ class FiniteDifferencePolicy(PolicyWrapper):
         action, memory = self.policy.predict(*given, episode_start, deterministic)
         return action, _Memory(memory, after)
 
-    def estimated_disturbance(self, memory: Any) -> Floats:
-        """Return the estimate of the wrapped policy."""
-        return self.policy.estimated_disturbance(memory.policy)
-
 
 def with_velocities(policy: Policy, scenario: Scenario) -> Policy:
     """Return a policy for a scenario by the names of its fields; rates that are not observed are differences."""

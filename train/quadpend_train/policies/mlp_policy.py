@@ -28,7 +28,7 @@ from quadpend_baselines.hybrid.wrapper import NO_HYBRID
 from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_baselines.policy.told import for_told_pole
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
@@ -151,12 +151,6 @@ class MlpPolicy(Policy):
         seen, memory = self.hybrid.observe(rows, state, started)
         action, memory = self.hybrid.act(self.forward(seen), memory)
         return action.reshape(*observation.shape[:-1], ACTION_SIZE), memory
-
-    def estimated_disturbance(self, memory: Any) -> Floats:
-        """Return the base controller's estimate of the disturbance, shape (n, 9); nan if none flies."""
-        if self.hybrid is None:
-            return super().estimated_disturbance(memory)
-        return np.asarray(self.hybrid.controller.estimated_disturbance(memory.controller))
 
     def forward(self, inputs: Floats32) -> Floats32:
         """Return the network's output for inputs of shape (m,) or (n, m), shape (4,) or (n, 4)."""

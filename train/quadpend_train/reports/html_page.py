@@ -4,10 +4,8 @@
 """
 
 import datetime
-import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
@@ -30,8 +28,8 @@ from quadpend_train.reports.tables import (
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
 
 
-def write(comparison: Comparison, path: Path, replay: dict[str, Any] | None = None) -> None:
-    """Write the page of a comparison, and the data of `record_replay` if there are any."""
+def write(comparison: Comparison, path: Path) -> None:
+    """Write the page of a comparison."""
     folder = Path(__file__).with_name("templates")
     jinja = Environment(
         loader=FileSystemLoader(folder),
@@ -49,13 +47,13 @@ def write(comparison: Comparison, path: Path, replay: dict[str, Any] | None = No
             name: min(comparison.summaries[name, policy]["penalised_rmse"].value for policy in comparison.policies)
             for name in comparison.scenarios
         },
+        hardest_seeds={name: _hardest_seed(comparison, name) for name in comparison.scenarios},
         ranking=ranking_rows(comparison),
         ranking_note=ranking_note(comparison),
         episodes_note=episodes_note(comparison),
         sentences=sentences(comparison),
         metrics={name: METRICS[name] for name in METRIC_COLUMNS},
         errors={name: _error_figure(comparison, name, f"errors{i}") for i, name in enumerate(comparison.scenarios)},
-        replay=_embedded(replay) if replay else None,
     )
     write_text(path, text)
 
@@ -71,9 +69,11 @@ def _estimate(interval: Interval, show: Callable[[Interval], str] = format_inter
     return Markup(f"{value} <small>{ends}</small>" if ends else value)
 
 
-def _embedded(data: Any) -> Markup:
-    """Return JSON for a script element; ``<`` is escaped, so that the data cannot close the element."""
-    return Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c"))
+def _hardest_seed(comparison: Comparison, scenario: str) -> int:
+    """Return the seed of the episode with the largest penalised RMSE, averaged over policies and training seeds."""
+    table = comparison.table[comparison.table["scenario"] == scenario]
+    by_policy = table.groupby(["episode", "policy"])["penalised_rmse"].mean()
+    return int(comparison.table.attrs["seed"] + by_policy.groupby("episode").mean().idxmax())
 
 
 def _error_figure(comparison: Comparison, scenario: str, prefix: str) -> Markup:

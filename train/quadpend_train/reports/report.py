@@ -1,4 +1,4 @@
-"""Evaluate policies and write the whole report: the page with its replay, tables, figures and data."""
+"""Evaluate policies and write the whole report: the page, tables, figures and data."""
 
 import json
 from dataclasses import dataclass
@@ -9,7 +9,6 @@ from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.metrics import summary_table
 from quadpend_train.reports import figures, html_page, tables
-from quadpend_train.reports.recorded_episodes import record_replay
 
 FILES = ("report.html", "comparison.csv", "comparison.md", "episodes.csv", "comparison.png")
 
@@ -34,25 +33,23 @@ def evaluate(
     seed: int = TEST_SEED,
     jobs: int = 1,
     cache_folder: Path | str | None = None,
-    replay: int = 2,
 ) -> Report:
     """Run policies through the same episodes, compare them with the first one, and write the report into a folder.
 
-    The command `quadpend evaluate` calls this function. `out` is the folder for the files, which is created, and
-    `replay` the number of episodes of each scenario that the page can replay. The other arguments are those of
-    `quadpend_train.evaluation.comparison.compare`.
+    The command `quadpend evaluate` calls this function. `out` is the folder for the files, which is created. The other
+    arguments are those of `quadpend_train.evaluation.comparison.compare`.
     """
     (folder := Path(out)).mkdir(parents=True, exist_ok=True)
     comparison = compare(policies, scenarios, episodes, seed, cache_folder, jobs)
-    write(comparison, folder, replay)
+    write(comparison, folder)
     return Report(comparison, folder)
 
 
-def write(comparison: Comparison, folder: Path, replay: int = 0) -> None:
+def write(comparison: Comparison, folder: Path) -> None:
     """Write all files of a comparison into a folder."""
     provenance = f"# {json.dumps(comparison.table.attrs)}\n"
     for name, table in (("comparison", summary_table(comparison.summaries)), ("episodes", comparison.table)):
         write_text(folder / f"{name}.csv", provenance + table.to_csv(index=False, lineterminator="\n"))
     write_text(folder / "comparison.md", tables.markdown(comparison))
     figures.write_png(tables.plot(comparison), folder / "comparison.png")
-    html_page.write(comparison, folder / "report.html", record_replay(comparison, replay))
+    html_page.write(comparison, folder / "report.html")

@@ -1,4 +1,4 @@
-// Drawing of vehicles and of their tracking errors, for the replay of reports and the flying page of the documentation.
+// Drawing of vehicles and of their tracking errors, for the flying page.
 const BODY = 0.055, NEAR = 0.1, REACH = 12;  // m; `shape`, the sizes of the scenario's vehicle, is from quadpend_gym/viewer/snapshot.py
 const ANGLE = 1, SPIN = 40, TRAIL = 2;  // field of view, rad; rotor speed, rad/s; trail, s
 const COLOURS = "sky horizon far near grid shadow rod arm rotor front wind ink soft rule page".split(" ");
@@ -98,11 +98,11 @@ function primitives(pen, {toCamera, pixel}) {  // drawing functions in metres
     pen.fillStyle = colour;
     withOpacity(pen, opacity, () => pen.fill());
   }
-  function arrow(start, force, colour, thin) {
+  function arrow(start, force, colour) {
     const long = shape.metres_per_newton * norm(force), ends = [start, plus(start, force, shape.metres_per_newton * Math.min(1, shape.longest / long))].map(toCamera);
-    if (!(long > 0.015 * shape.longest) || Math.min(ends[0][2], ends[1][2]) < NEAR) return;  // also true of nan, that is without an estimate
-    const [a, b] = ends.map(pixel), way = plus(b, a, -1), ahead = way.map(x => x / Math.max(norm(way), 1)), size = Math.min(thin ? 12 : 20, norm(way));
-    for (const edge of [3, 0]) stroke(pen, [a, plus(b, ahead, -size)], edge ? colours.page : colour, (thin ? 2 : 4) + edge);
+    if (!(long > 0.015 * shape.longest) || Math.min(ends[0][2], ends[1][2]) < NEAR) return;
+    const [a, b] = ends.map(pixel), way = plus(b, a, -1), ahead = way.map(x => x / Math.max(norm(way), 1)), size = Math.min(20, norm(way));
+    for (const edge of [3, 0]) stroke(pen, [a, plus(b, ahead, -size)], edge ? colours.page : colour, 4 + edge);
     for (const back of long > shape.longest ? [0.6, 0] : [0]) arrowHead(pen, plus(b, ahead, -back * size), ahead, size, colour);
   }
   return {line, lines, area, arrow};
@@ -160,7 +160,7 @@ function vehicle(pen, eye, {line, area, arrow}, state) {  // return the parts wi
     if (dashes[1]) disc(pen, at, 0.45 * radius, colours.page);  // another policy may have the same colour
     disc(pen, plus(at, [-0.3 * radius, -0.3 * radius]), 0.25 * radius, "#ffffff99");
   });
-  const arrows = [[position, state.force, colours.wind], [bob, state.bob_force, colours.wind], [position, state.estimate, colour, true]];
+  const arrows = [[position, state.force, colours.wind], [bob, state.bob_force, colours.wind]];
   if (!state.fallen) add(position, () => arrows.forEach(given => arrow(...given)));
   return parts;
 }
@@ -173,13 +173,11 @@ function markOutside(pen, eye, place, colour, text, size) {  // mark a point out
   write(pen, text, plus(tip, ahead, -26), colour, ["left", "center", "right"][Math.round(ahead[0]) + 1], "600 15px", true);
   return true;
 }
-// Draw vehicles, the rings of their targets and the path of these; the camera looks at the vehicles' middle. Return the projection.
-function drawScene(canvas, middle, all, aims, path = []) {
+// Draw vehicles and the rings of their targets; the camera looks at the vehicles' middle. Return the projection.
+function drawScene(canvas, middle, all, aims) {
   const {pen, width, height} = prepare(canvas), [x, y, z] = middle, at = [x, y, shape.paper ? LOWERED * z : z + shape.lift - 0.22 * FIRST_VIEW.distance * shape.distance_scale], eye = project(at, width, height), tools = primitives(pen, eye);
   ground(pen, eye, tools, width, height, at);
   for (const state of all) if (!state.fallen) shadow(tools, state);
-  for (const [colour, edge] of [[colours.page, 4.5], [colours.ink, 1.5]])
-    for (let i = 1; i < path.length; i++) tools.line(path[i - 1], path[i], colour, edge);
   for (const one of all) trail(tools, one);
   for (const [, drawPart] of all.flatMap(state => vehicle(pen, eye, tools, state)).sort((a, b) => b[0] - a[0])) drawPart();
   for (const aim of aims)
