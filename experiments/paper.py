@@ -1,102 +1,139 @@
-"""docs/paper/merit.json, and Figures 4 to 10 of the paper in results/paper/, from the results of `paper_experiment`.
+"""docs/paper/merit.json: the numerical experiment of the paper (Section 5), as far as the paper describes it.
 
-python -m experiments.paper
+    python -m experiments.paper
+
+The paper gives the parameters (Table 1) and the gains. It does not give the reference, the initial state, the gusts,
+the switching gain or the integration step. This project chooses them such that the results resemble the paper's
+figures: the reference is a helix with a slow oscillation in yaw, the initial state is not on the reference, and random
+gusts begin after 10 s.
 """
 
 import argparse
 import json
-from collections.abc import Callable
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from experiments.pages import DOCS
-from experiments.paper_continuous import Trajectory
-from experiments.paper_experiment import GUST_COLUMNS, GUSTS, RECORDING_PERIOD, figures_of_merit, run
-from quadpend_gym import PAPER, State
+from quadpend_baselines.gains import tuning
+from quadpend_baselines.registry import controller_of
+from quadpend_gym import PAPER, PaperGusts, QuadPendulumEnv, Reference, Simulation, State
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import COMMAND_TORQUE, THRUST
+from quadpend_gym.core.streams import WIND_STREAM, Streams
+from quadpend_gym.physics.state import DISTURBANCE_SIZE, FORCE, TORQUE
+from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_train.common.files import write_text
-from quadpend_train.reports import figures
 
-# The palette of Okabe and Ito for colour-blind readers; the line styles differ, for printing in black and white.
-_STYLES = {
-    "continuous": {"color": "#0072B2", "linestyle": "-"},
-    "1 kHz": {"color": "#009E73", "linestyle": ":"},
-    "100 Hz": {"color": "#D55E00", "linestyle": "--"},
+DURATION = 20.0  # s
+REFERENCE = Reference(
+    offset=(0.0, 0.0, 1.0, 0.0),
+    rate=(0.0, 0.0, 0.05, 0.0),
+    amplitude=(1.0, 1.0, 0.0, 0.1),
+    frequency=(0.5, 0.5, 0.0, 0.5),
+    phase=(np.pi / 2, 0.0, 0.0, 0.0),
+)
+START = {
+    "position": (1.05, -0.05, 0.9),  # m; the reference starts at (1, 0, 1)
+    "velocity": (0.0, 0.5, 0.05),  # m/s, that of the reference
+    "euler": (0.0, 0.0, 0.2),  # rad
+    "euler_rate": (0.0, 0.0, 0.0),
+    "direction": (0.0, 0.0, 1.0),
+    "direction_rate": (0.0, 0.0, 0.0),
 }
-_COMMANDS = [COMMAND_TORQUE + 1, COMMAND_TORQUE, THRUST, COMMAND_TORQUE + 2]
+GUSTS = PaperGusts(force=0.2, yaw_torque=0.05, onset=10.0, hold=1.0)
+SEED = 0
+RECORDING_PERIOD = 0.01  # s
+CHANNELS = ("F_x", "F_y", "z", "psi")  # m, m, m, rad
+_TOLERANCES = (1e-2, 1e-3, 1e-4)  # ε of (8)–(11), m and rad
+_CONVERGED = 6.0  # s, after which the initial error has decayed
+GUST_COLUMNS = (FORCE, FORCE + 1, FORCE + 2, TORQUE + 2)  # nonzero disturbances in gusts: N, N, N, N·m
 
 
-def _angles(trajectory: Trajectory) -> Floats:
-    state = State(trajectory.state)
-    return np.stack([state.alpha, np.unwrap(state.beta), state.alpha_x, state.alpha_y], axis=1)
+@dataclass(frozen=True)
+class Trajectory:
+    """A trajectory at m times."""
+
+    time: Floats  # s, shape (m,)
+    state: Floats  # see `quadpend_gym.physics.state`, shape (m, 18)
+    reference: Floats  # derivatives of order 0 to 6 of F_x, F_y, z and ψ, shape (m, 7, 4)
+    disturbance: Floats  # the true disturbance, N and N·m, in the layout of `Disturbance`, shape (m, 9)
+    estimate: Floats  # the disturbance that the observers estimate, shape (m, 9)
+
+    @property
+    def error(self) -> Floats:
+        """Tracking errors of F_x, F_y, z (m) and ψ (rad), shape (m, 4)."""
+        s = State(self.state)
+        bob = s.position + PAPER.rod_length * s.direction
+        outputs = np.column_stack([bob[:, :2], s.position[:, 2], s.euler[:, 2]])
+        return np.asarray(outputs - self.reference[:, 0])
 
 
-# The labels of the panels, the values that they show, and those in black with which these are compared
-FIGURES: dict[str, tuple[str, Callable[[Trajectory], Floats], Callable[[Trajectory], Floats] | None]] = {
-    "figure_4": ("$F_x$ (m), $F_y$ (m), $z$ (m), ψ (rad)", lambda t: t.outputs, lambda t: t.reference[:, 0]),
-    "figure_5": ("pitch θ (rad), roll φ (rad)", lambda t: State(t.state).euler[:, [1, 0]], None),
-    "figure_6": ("$e_{Fx}$ (m), $e_{Fy}$ (m), $e_z$ (m), $e_ψ$ (rad)", lambda t: t.error, None),
-    "figure_7": ("α (rad), β (rad), $α_x$ (rad), $α_y$ (rad)", _angles, None),
-    "figure_8": (
-        "force x (N), force y (N), force z (N), yaw torque (N·m)",
-        lambda t: t.estimate[:, GUST_COLUMNS],
-        lambda t: t.disturbance[:, GUST_COLUMNS],
-    ),
-    "figure_9": ("$τ_θ$ (N·m), $τ_φ$ (N·m), $u$ (N), $τ_ψ$ (N·m)", lambda t: t.command[:, _COMMANDS], None),
-}
+def gusts(times: Floats) -> Floats:
+    """Return the gusts (N, N·m), shape (n, 9), at times (s) as the environment samples them for the seed `SEED`."""
+    key = Streams.from_seeds([SEED]).derive(0).derive(WIND_STREAM).derive(0).keys
+    out = np.zeros((times.size, DISTURBANCE_SIZE))
+    # `sample` evaluates the gusts at the time (step + ½) · period. With a period of 1 s, step = t − ½ gives time t.
+    steps: Any = times - 0.5
+    GUSTS.sample(out, np.empty((times.size, 0)), steps, 1.0, Streams(np.full(times.size, key[0])))
+    return out
 
 
-def draw(experiment: dict[str, Trajectory], folder: Path) -> None:
-    """Write all figures into `folder`."""
-    for name, (labels, values, compared) in FIGURES.items():
-        figure = figures.new_figure(7.5, 5.1)
-        panels = labels.split(", ")
-        axes = figures.add_axes(figure, len(panels) // 2, 2, sharex=True).ravel()
-        for i, (axis, label) in enumerate(zip(axes, panels, strict=True)):
-            for run_name, trajectory in experiment.items():
-                axis.plot(trajectory.time, values(trajectory)[:, i], label=run_name, **_STYLES[run_name])
-            if compared is not None:
-                axis.plot(trajectory.time, compared(trajectory)[:, i], "k-.", linewidth=0.8, label="wanted or true")
-            axis.axvline(GUSTS.onset, color="#888888", linewidth=0.8)
-            axis.set(xlabel="time (s)", ylabel=label)
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
-        figures.write_png(figure, folder / f"{name}.png")
-    figures.write_png(_trajectory_figure(experiment["continuous"]), folder / "figure_10.png")
+def simulate_sampled(period: float, duration: float = DURATION) -> Trajectory:
+    """Simulate the sampled controller in the environment, with single-precision observations."""
+    simulation = Simulation(period=period, substeps=max(1, round(2 * period / CONTROL_PERIOD)))
+    policy: Any = controller_of("adrc-paper", tuning("adrc-paper").gains, simulation)
+    env = QuadPendulumEnv(period=period, substeps=simulation.substeps, duration=2.0 * duration, wind=GUSTS)
+    observation, _ = env.reset(seed=SEED, options={"state": START, "reference": REFERENCE})
+    every = round(RECORDING_PERIOD / period)
+    memory, records = None, []
+    for i in range(round(duration / period) + 1):
+        state = env.state.array.copy()
+        action, memory = policy.predict(observation, memory)
+        estimate = policy.estimated_disturbance(memory)[0]
+        observation, _, terminated, _, _ = env.step(action)
+        if i % every == 0:
+            records.append((i * period, state, estimate))
+        if terminated:
+            break
+    times, states, estimates = (np.array(part) for part in zip(*records, strict=True))
+    return Trajectory(times, states, REFERENCE.derivatives(times), gusts(times), estimates)
 
 
-def _trajectory_figure(trajectory: Trajectory) -> Any:
-    """Draw Figure 10: the trajectory in space with one pendulum per second, and its three projections."""
-    figure = figures.new_figure(8.5, 8.0)
-    state, every = State(trajectory.state), round(1.0 / RECORDING_PERIOD)
-    quadrotor, bob = state.position, state.position + PAPER.rod_length * state.direction
-    for place, axes, label in ((1, [0, 1, 2], "(a)"), (2, [0, 1], "(b)"), (3, [0, 2], "(c)"), (4, [1, 2], "(d)")):
-        axis = figure.add_subplot(2, 2, place, projection="3d" if place == 1 else None)
-        axis.plot(*quadrotor[:, axes].T, color="#0072B2", linewidth=1.0, label="quadrotor")
-        axis.plot(*bob[:, axes].T, color="#D55E00", linewidth=1.0, label="bob")
-        for rod in np.stack([quadrotor, bob], axis=1)[::every, :, axes]:
-            axis.plot(*rod.T, color="#444444", linewidth=1.0)
-        axis.set(title=label, **{f"{'xyz'[i]}label": f"{'xyz'[j]} (m)" for i, j in enumerate(axes)})
-        if place == 1:
-            axis.scatter(*quadrotor[::every].T, color="#0072B2", marker="s", s=12)
-            axis.scatter(*bob[::every].T, color="#D55E00", s=16)
-            axis.set_box_aspect(None, zoom=0.85)
-            axis.legend(frameon=False, fontsize=8)
-        else:
-            axis.set_aspect("equal", adjustable="datalim")
-    figure.suptitle("The trajectory, one pendulum per second", fontsize=10)
-    return figure
+def figures_of_merit(trajectory: Trajectory) -> dict[str, Any]:
+    """Return the paper's criteria (8)–(11), errors and the accuracy of the estimates, by channel, in SI units."""
+    before = trajectory.time < GUSTS.onset
+    calm, windy = before & (trajectory.time >= _CONVERGED), trajectory.time >= GUSTS.onset + GUSTS.hold
+    error = np.abs(trajectory.error)
+    true, estimate = (d[windy][:, GUST_COLUMNS] for d in (trajectory.disturbance, trajectory.estimate))
+    correlation = [float(np.corrcoef(*pair)[0, 1]) for pair in zip(true.T, estimate.T, strict=True)]
+
+    def by_channel(values: Any) -> dict[str, Any]:
+        return dict(zip(CHANNELS, np.asarray(values).tolist(), strict=True))
+
+    return {
+        "largest_error_in_calm_air": by_channel(error[calm].max(axis=0)),
+        "rmse_in_gusts": by_channel(np.sqrt(np.mean(error[windy] ** 2, axis=0))),
+        "convergence_time": {
+            f"{limit:g}": by_channel([_convergence_time(trajectory.time, e, limit) for e in error[before].T])
+            for limit in _TOLERANCES
+        },
+        "rmse_of_estimates": by_channel(np.sqrt(np.mean((true - estimate) ** 2, axis=0))),
+        "correlation_of_estimates": by_channel(correlation),
+    }
+
+
+def _convergence_time(time: Floats, error: Floats, tolerance: float) -> float | None:
+    """Return T₀ of (8)–(11), s: the error stays within `tolerance` from T₀ until the gusts; None if it does not."""
+    first = int(np.append(np.flatnonzero(error > tolerance), -1).max()) + 1
+    return float(time[first]) if first < error.size else None
 
 
 def main() -> None:
-    """Simulate, and write the figures and the figures of merit."""
+    """Simulate at 1 kHz and at 100 Hz, and write the figures of merit."""
     argparse.ArgumentParser(prog="python -m experiments.paper", description=__doc__).parse_args()
-    results, folder = run(), Path("results/paper")
-    folder.mkdir(parents=True, exist_ok=True)
-    draw(results, folder)
-    merit = {name: figures_of_merit(trajectory) for name, trajectory in results.items()}
+    periods = {"1 kHz": 1e-3, "100 Hz": CONTROL_PERIOD}
+    merit = {name: figures_of_merit(simulate_sampled(period)) for name, period in periods.items()}
     write_text(DOCS / "paper/merit.json", json.dumps(merit, indent=1, allow_nan=False) + "\n")
 
 

@@ -1,7 +1,8 @@
-"""Faults of the paper's design that are not misprints: entry of the wind, offsets, torques, and noise."""
+"""Faults of the paper's design that are not misprints: entry of the wind, offsets, torques, and the sign term."""
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from quadpend_baselines.estimation.observers import characteristic_polynomial
 from quadpend_baselines.gains import tuning
@@ -58,3 +59,22 @@ def test_one_metre_of_error_demands_26_newton_metres() -> None:
     """The torque is k₀ I/(gK) at ω_nc = 7 rad/s, with the inertia of Table 1."""
     torque = FEEDBACK[0] * PAPER.inertia_pitch / (PAPER.gravity * PAPER.chain_stiffness)
     assert torque == pytest.approx(26.25, abs=0.05)
+
+
+def test_sign_term_has_the_limit_cycle_that_its_describing_function_predicts() -> None:
+    """Without a disturbance ẽ oscillates at ω with 4ρ/(π ω⁴(4ζ²+1)) and ϑ̂ with 1.67 ρ/ω²; ϑ̂ does not converge to ϑ.
+
+    Time is measured in units of 1/ω, and ρ = 1. The errors are (ẽ₁, ẽ₂, ϑ − ϑ̂₁, ϑ̇ − ϑ̂₂).
+    """
+    zeta = GAINS.damping
+    augmented = np.eye(5, k=1)
+    augmented[:4, 0] = -4.0 * zeta, -2.0 - 4.0 * zeta**2, -4.0 * zeta, 0.0
+    transition, state, errors = expm(2e-3 * augmented), np.array([1.0, 0.0, 0.0, 0.0]), np.empty((60_000, 4))
+    for i in range(len(errors)):
+        errors[i] = state = transition[:4, :4] @ state - transition[:4, 4] * np.sign(state[0])
+    margin = 4.0 * zeta**2 + 1.0
+    amplitude, ripple = 4.0 / np.pi / margin, 4.0 / np.pi * np.hypot(1.0, 4.0 * zeta / margin)
+    assert ripple == pytest.approx(1.67, abs=0.001)
+    largest = np.abs(errors[-20_000:]).max(axis=0)
+    assert largest[0] == pytest.approx(amplitude, rel=0.03)  # the prediction is good to ±10 %
+    assert largest[2] == pytest.approx(ripple, rel=0.04)

@@ -110,7 +110,7 @@ L0, L1, L2, L3, RHO, W, ZETA = sp.symbols("lambda_0 lambda_1 lambda_2 lambda_3 r
 TRUE, ESTIMATE, (E1, E2, E3, E4) = (sp.symbols(f"{name}1:5") for name in ("x", "h", "e"))
 h1, h2, h3, h4 = ESTIMATE
 INPUT, SIGN = sp.symbols("u_known sign", real=True)
-S, V_DOT, V_DDOT = sp.symbols("s vartheta' vartheta''")
+S, V_DDOT = sp.symbols("s vartheta''")
 DISTURBED_PLANT, FLAT_PLANT = (TRUE[1], INPUT + TRUE[2], TRUE[3], V_DDOT), (TRUE[1], TRUE[2], TRUE[3], INPUT)
 DESO = (h2 + L3 * E1, INPUT + h3 + L2 * E1, h4 + L1 * E1, RHO * SIGN)  # (13), (20), (47)
 LUENBERGER = (h2 + L3 * E1, h3 + L2 * E1, h4 + L1 * E1, INPUT + L0 * E1)  # (46) corrected
@@ -139,7 +139,6 @@ def dynamics(derivatives: list[sp.Expr], *gains: sp.Expr) -> sp.Expr:
 DESO_ERRORS, FLAT_ERRORS = error_derivatives(DISTURBED_PLANT, DESO), error_derivatives(FLAT_PLANT, LUENBERGER)
 MEASURES_F4 = error_derivatives(FLAT_PLANT, (*LUENBERGER[:3], INPUT + L0 * E4))
 SATURATED = error_derivatives(DISTURBED_PLANT, [line.subs(SIGN, E1 * L0 / RHO) for line in DESO])
-PHASE, PHASE_RATE = sp.Matrix(DESO_ERRORS[:4]), sp.Matrix(DESO_ERRORS[1:])
 ml, gain = m_c * length, (M + m_c) * g**2 / (M * length)
 known_x, known_y = -g * K / I_theta * tau_theta, g * K / I_phi * tau_phi
 fourth_x, fourth_y = g * K * (r_x - theta), g * K * (r_y + phi)
@@ -181,11 +180,6 @@ MISPRINTS: dict[str, tuple[Callable[[], sp.Expr], sp.Expr, sp.Expr]] = {
         sixth_x(-M * I_theta**2 / ((M + m_c) * g**2) * V + I_theta / g * FOURTH),
     ),
     "52": (lambda: V, sixth_y(A_phi * V - I_phi / g * FOURTH), sixth_y(-A_phi * V + I_phi / g * FOURTH)),
-    "53": (
-        lambda: PHASE_RATE,
-        A_E * PHASE + B_E * (V_DDOT - RHO * SIGN),
-        A_E * PHASE + B_E * (V_DOT - RHO * SIGN),
-    ),
     "61_to_63": (lambda: closed_loop(-A_theta * V + I_theta / g * FOURTH), TRUTH - GUESS, GUESS - TRUTH),
     "lambda_0": (lambda: sp.expand(QUADRATIC**2).coeff(S, 0), W**4, W**2),
 }
@@ -285,13 +279,6 @@ def test_54_has_no_solution() -> None:
     # (57) drops the term ẽᵀPb ρ sign(ẽ₁), which has both signs in the half space ẽ₁ > 0 if p₄₄ > 0.
     term = (sp.Matrix([1, 0, 0, E4]).T * P * B_E)[0]
     assert vanishes(term - (P[0, 3] + P[3, 3] * E4))
-
-
-def test_60_and_64_have_as_many_rows_as_states() -> None:
-    """(60) lacks the row [0 0 0 1]; (64) has the states e … e⁽ⁿ⁻¹⁾, printed e … e⁽ⁿ⁾, as (65) is of degree n = 2."""
-    right = A_E + sp.Matrix(4, 4, lambda i, j: -L0 if (i, j) == (3, 0) else 0)
-    assert vanishes(right.charpoly(S).as_expr() - (S**4 + L3 * S**3 + L2 * S**2 + L1 * S + L0))
-    assert sp.Matrix([[0, 1], [-L0, -L1]]).charpoly(S).degree() == 2
 
 
 def test_15_22_and_50_are_those_of_a_saturation_not_of_the_sign_term() -> None:
