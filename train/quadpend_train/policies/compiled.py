@@ -4,23 +4,18 @@ import ctypes
 import re
 from copy import copy
 from functools import cached_property
-from math import factorial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from quadpend_baselines import Policy
 from quadpend_baselines.estimation.feeding import fed_by_name
-from quadpend_baselines.estimation.measurement import measurement_from_observation
 from quadpend_baselines.policy.protocol import episode_start_mask
-from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.c_library import load_c
-from quadpend_gym.physics.state import State
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK
+from quadpend_gym.tasks.observation import LAB
 
 C_PREFIX = "c:"  # of the names of these policies
 SAMPLE_SIZE = LAB.size  # the fields of `LAB`, in their units
@@ -48,37 +43,6 @@ def samples_of(observation: Floats32) -> Floats:
     return np.asarray(observation * LAB.scale, np.float64)
 
 
-class _Memory(NamedTuple):
-    policy: Any  # copies of the C policy's memories
-    place: Floats  # of the reference, and its velocity, in a frame that moves with its first velocity, shape (n, 2, 3)
-
-
-def samples_of_errors(observation: Floats32, parameters: Parameters, place: Floats) -> Floats:
-    """Return the same for observations without velocities, shape (n, 27), of a nominal pole.
-
-    The place of the reference and its velocity, shape (n, 2, 3), are those in the frame of the sample.
-    """
-    measured = measurement_from_observation(observation, parameters.rod_length, OUTPUT_FEEDBACK)
-    state, rows = State(measured.state), len(observation)
-    x, y, z, w = Rotation.from_euler("xyz", state.euler).as_quat().T
-    quaternion = np.stack([w, x, y, z], axis=1)
-    orders = measured.reference.reshape(rows, -1), measured.yaw
-    pole = np.tile([parameters.rod_length, parameters.bob_mass], (rows, 1))
-    position = state.position + place[:, 0]
-    return np.hstack(
-        [position, quaternion, state.direction, np.zeros((rows, 1)), place.reshape(rows, -1), *orders, pole]
-    )
-
-
-def place_after(place: Floats, samples: Floats, period: float) -> Floats:
-    """Return the place and the velocity of a reference a period (s) after samples."""
-    later, orders = place.copy(), samples[:, 11:32].reshape(-1, 7, 3)
-    for order in range(1, 7):
-        for k in range(min(order, 2)):
-            later[:, k] += period ** (order - k) / factorial(order - k) * orders[:, order]
-    return later
-
-
 class CPolicy(Policy):
     """A C file as a policy of the environment, in single precision.
 
@@ -87,12 +51,11 @@ class CPolicy(Policy):
         flags: Macros such as ``QUADPEND_DOUBLE``, which are defined before.
     """
 
-    layouts = (LAB, OUTPUT_FEEDBACK)
+    layouts = (LAB,)
     has_linear_model = False
 
     def __init__(self, path: str | Path, flags: tuple[str, ...] = ()) -> None:
-        self.path, self.name, self.scale, self.simulation = Path(path), Path(path).stem, np.ones(4), Simulation()
-        self.in_world = True  # whether it is given the fields of `LAB`
+        self.path, self.name, self.scale = Path(path), Path(path).stem, np.ones(4)
         header = self.path.with_suffix(".h")
         if not self.path.is_file() or not header.is_file():
             raise ValueError(f"there must be a C file {self.path} with a header {header}, written by quadpend export")
@@ -119,9 +82,10 @@ class CPolicy(Policy):
                     f"{self.path} was written for the {name.lower()} {self.designed[name]}, not {value}: export it for"
                     " this scenario"
                 )
+        if not set(LAB) <= set(scenario.observation):
+            raise ValueError(f"{self.path} reads what a lab measures: give the scenario the observation 'lab'")
         other = copy(self)
-        other.scale, other.simulation = simulation.command_scale, simulation
-        other.in_world = set(LAB) <= set(scenario.observation)
+        other.scale = simulation.command_scale
         return fed_by_name(other, scenario)
 
     def predict(
@@ -129,12 +93,7 @@ class CPolicy(Policy):
     ) -> tuple[Floats32, Any]:
         """Return the action, and the memory; see `quadpend_baselines.Policy.predict`."""
         given = np.atleast_2d(np.asarray(observation, np.float32))
-        started = episode_start_mask(episode_start, state is None, len(given))
-        place = np.zeros((len(given), 2, 3)) if state is None else state.place * ~started[:, np.newaxis, np.newaxis]
-        p = self.simulation.parameters
-        samples = samples_of(given) if self.in_world else samples_of_errors(given, p, place)
-        command, memory = self.command(samples, None if state is None else state.policy, started)
-        memory = _Memory(memory, place_after(place, samples, self.simulation.period))
+        command, memory = self.command(samples_of(given), state, episode_start)
         action = (command - self.scale * [1.0, 0.0, 0.0, 0.0]) / self.scale
         clipped = np.clip(action, -1.0, 1.0).astype(np.float32)  # what rounding adds
         return clipped.reshape(*np.shape(observation)[:-1], 4), memory
