@@ -194,15 +194,16 @@ def test_training_takes_the_vehicle_and_its_ranges(found: Identification, tmp_pa
         assert scenario.loop.rotor_lag is not None
 
 
-def test_the_commands_reach_a_picture(hanging: FlightLog, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_the_errors_of_each_channel(
+    hanging: FlightLog, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     hanging.save(tmp_path / "log.csv")
     (tmp_path / "columns.toml").write_text('pole_direction = ["rx", "ry", "rz"]')
-    given = ["--columns", str(tmp_path / "columns.toml"), "--out", str(tmp_path / "a.png")]
+    given = ["--columns", str(tmp_path / "columns.toml")]
     main(["replay", str(tmp_path / "log.csv"), "--vehicle", "crazyflie-brushless", *given])
     out = capsys.readouterr().out
     assert "attitude, °" in out
     assert "pole, °" in out
-    assert (tmp_path / "a.png").stat().st_size > 1000
 
 
 @pytest.mark.parametrize(("package", "suffix"), [("pyulog", ".ulg"), ("orangebox", ".bbl")])

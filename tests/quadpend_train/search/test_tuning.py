@@ -57,7 +57,6 @@ def test_a_search_continues_and_its_result_is_scored(
     assert found["survival and penalised rmse"]["load_windy"][0] == 100.0
     assert set(found["gains"]) == set(tuning.SEARCH_SPACES["lqr"])
     assert_refused(lambda: load_policy(f"lqi:{tmp_path / 'lqr.json'}"), "has the gains of lqr, not of lqi", ValueError)
-    assert (tmp_path / "lqr.png").stat().st_size > 5000
     assert '"score"' in capsys.readouterr().out
 
 

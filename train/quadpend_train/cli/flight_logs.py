@@ -16,7 +16,6 @@ def replay(
     columns: Path | None = None,
     horizon: Seconds = 0.5,
     delay: Annotated[float, Range(-1.0, 1.0, "s")] = 0.0,
-    out: Path | None = None,
 ) -> None:
     """Fly vehicles open loop under the motor commands of a flight log, and compare them with the log.
 
@@ -26,20 +25,15 @@ def replay(
         columns: TOML file with the names and units of the log's columns.
         horizon: Length of the windows, s.
         delay: Time by which the log of the motion is later than that of the motors, s; identify prints it.
-        out: Picture of the errors over the horizon (.png).
     """
     from quadpend_gym.vehicles.vehicle import as_vehicle
     from quadpend_train.flight_logs.readers import read_log
-    from quadpend_train.flight_logs.replay import compare, draw, table
+    from quadpend_train.flight_logs.replay import compare, table
 
     read = read_log(log, columns)
-    found = compare(read, {name: as_vehicle(name) for name in vehicle}, horizon, delay)
-    print(table(found))
+    print(table(compare(read, {name: as_vehicle(name) for name in vehicle}, horizon, delay)))
     for sentence in read.gaps():
         print(f"Note: {sentence}.")
-    if out:
-        draw(found, out)
-        print(f"Written: {out}")
 
 
 def identify(

@@ -32,7 +32,7 @@ def tune(
         trials: Trials of the search for each controller.
         episodes: Episodes in each scenario.
         seed: Random seed of the search.
-        out: Folder for the gains that it finds, NAME.json, and a picture of the search, NAME.png.
+        out: Folder for the gains that it finds, NAME.json.
         scenarios: Scenarios with the same vehicle and control period, for which the controllers are designed: names,
             TOML or JSON files, or JSON. "training" stands for all training scenarios.
         vehicle: Vehicle of all scenarios, as in evaluate.
@@ -43,7 +43,7 @@ def tune(
             processes; the default is a file in OUT. Opening a storage executes code that it contains: use only storages
             that you trust.
     """
-    from quadpend_train.search import shared, tuning
+    from quadpend_train.search import tuning
 
     chosen = [*named_scenarios(scenarios, vehicle, interface, latency=latency).values()]
     searches = [tuning.Search(name, chosen, episodes, geometric) for name in controllers]
@@ -51,4 +51,3 @@ def tune(
     for search in searches:
         study = search.open(storage or str(out / "trials.log"), seed)
         print(json.dumps(tuning.tune(search, study, trials, out), indent=1))
-        shared.draw(study, "loss (mm)", out / f"{search.name}.png")

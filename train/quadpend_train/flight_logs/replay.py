@@ -6,7 +6,6 @@ has its pole if the log has the pole's direction.
 """
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUS
 from quadpend_gym.physics.state import DIRECTION, STATE_SIZE, TORQUE, State
 from quadpend_gym.vehicles import Pole, RateLoop, Rotors, Simulation, Vehicle, hover_thrusts, rotors_of
 from quadpend_train.flight_logs.log import FlightLog
-from quadpend_train.reports.figures import add_axes, add_legend, colour, line, new_figure, write_png
 
 CHANNELS = {"position": "mm", "velocity": "mm/s", "attitude": "°", "rate": "°/s", "pole": "°"}
 SCALES = dict(zip(CHANNELS, (1e3, 1e3, *np.degrees(np.ones(3))), strict=True))
@@ -242,27 +240,10 @@ def table(found: dict[str, dict[str, Floats]]) -> str:
     time = found["held"]["time"]
     rows = np.unique(np.linspace(0, len(time) - 1, 6).round().astype(int))[1:]
     lines = [f"{'root mean square at':<{width + 20}}" + "".join(f"{time[row]:>9.2f} s" for row in rows)]
-    for channel, unit in _channels(found):
+    for channel, unit in CHANNELS.items():
+        if channel not in found["held"]:  # no pole flew
+            continue
         for name, errors_of in found.items():
             values = "".join(f"{SCALES[channel] * errors_of[channel][row]:>11.1f}" for row in rows)
             lines.append(f"{f'{channel}, {unit}':<20}{name:<{width}}{values}")
     return "\n".join(lines)
-
-
-def _channels(found: dict[str, dict[str, Floats]]) -> list[tuple[str, str]]:
-    """Return the channels of errors and their units."""
-    return [(channel, unit) for channel, unit in CHANNELS.items() if channel in found["held"]]
-
-
-def draw(found: dict[str, dict[str, Floats]], path: Path) -> None:
-    """Draw the errors over the horizon."""
-    channels = _channels(found)
-    figure = new_figure(8.0 if len(channels) == 4 else 12.0, 5.0)
-    axes = add_axes(figure, 2, (len(channels) + 1) // 2)
-    for axis, (channel, unit) in zip(np.ravel(axes), channels, strict=False):
-        for i, errors_of in enumerate(found.values()):
-            axis.plot(errors_of["time"], SCALES[channel] * errors_of[channel], line(i), color=colour(i))
-        axis.set_xlabel("s")
-        axis.set_ylabel(f"error of {channel}, {unit}")
-    add_legend(figure, tuple(found))
-    write_png(figure, path)

@@ -19,11 +19,9 @@ from optuna.distributions import BaseDistribution
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
-from optuna.visualization.matplotlib import plot_optimization_history
 from tqdm.auto import tqdm
 
 from quadpend_train.common.text import brief
-from quadpend_train.reports.figures import write_png
 
 SPACES = Path(__file__).with_name("search_spaces")
 Space = Mapping[str, BaseDistribution]
@@ -109,14 +107,6 @@ def run_trials(
                     with signals_wait():
                         study.tell(trial, value, state)
         bar.update(trials - bar.n)
-
-
-def draw(study: optuna.Study, label: str, path: Path) -> None:
-    """Write a picture (.png) of the values of the finished trials in their order, and of the best so far."""
-    with quiet():
-        axis = plot_optimization_history(study, target_name=label)
-    axis.set_yscale("log")
-    write_png(axis.figure, path)
 
 
 @contextmanager
