@@ -150,14 +150,12 @@ def test_the_jacobian_is_defined_once() -> None:
 
 
 def test_the_inputs_of_a_hybrid_are_defined_once() -> None:
-    """As parts, which numba and CasADi read; what a step knows is filled in for both, and for finite differences."""
+    """As parts, which numba and CasADi read; what a step knows is filled in for both."""
     hybrid = {name for name in NODES if name.startswith("baselines/quadpend_baselines/hybrid/")}
-    differences = "train/quadpend_train/policies/finite_differences.py"
-    assert files(lambda node: called(node) == "InputPart") <= hybrid | {differences}
+    assert files(lambda node: called(node) == "InputPart") <= hybrid
     assert files(lambda node: called(node) == "Seen") == {
         "baselines/quadpend_baselines/hybrid/hybrids.py",
         "train/quadpend_train/common/lifted.py",
-        differences,
     }
 
 

@@ -61,9 +61,7 @@ ON_ADRC = {"kind": "estimate_only", "base_controller": "adrc-matched"}
 @pytest.mark.parametrize(
     ("inputs", "hybrid"),
     [
-        (OBSERVATION_SIZE, None),  # it gets rates from differences
         (OUTPUT_FEEDBACK_SIZE, None),
-        (3 * OBSERVATION_SIZE + 8, HISTORY),
         (3 * OUTPUT_FEEDBACK_SIZE + 8, HISTORY),
         (OUTPUT_FEEDBACK_SIZE + 9, ON_ADRC),
         (OBSERVATION_SIZE + 13, {**RESIDUAL_ACTION, "base_controller": "lqi"}),

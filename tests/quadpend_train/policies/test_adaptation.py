@@ -6,17 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy, controller
+from quadpend_baselines.estimation.feeding import fed_by_name
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_gym import OBSERVATION_FIELDS
 from quadpend_gym.actuators import ActionDelay, MotorLag
-from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay, Noise
 from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK, ObservationLayout
-from quadpend_train.policies.finite_differences import FiniteDifferencePolicy, with_velocities
 from quadpend_train.policies.loading import check_policy
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from tests.helpers.bad_input import assert_refused
@@ -37,50 +34,6 @@ def test_controllers_and_base_controllers_are_designed_for_the_scenario_and_its_
     assert (learned.hybrid.controller.loop, learned.hybrid.controller.simulation) == (LOOP, slow.simulation)
 
 
-class Recording(Policy):
-    """ADRC that needs the full observation, like a learned policy, and records its observations."""
-
-    def __init__(self) -> None:
-        self.adrc, self.observed = controller("adrc-matched"), [np.zeros((0, 36), np.float32)]
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, Any]:
-        self.observed.append(observation)
-        return self.adrc.predict(observation, state, episode_start)
-
-
-def test_unobserved_velocities_are_finite_differences() -> None:
-    """They lag by half a step: at 50 rad/s² that is 0.25 rad/s, or 0.125 after scaling."""
-    recording = Recording()
-    policy = FiniteDifferencePolicy(recording, FULL, OUTPUT_FEEDBACK, Scenario().period)
-    full = Scenario().make_vec(20, AutoresetMode.SAME_STEP)
-    hidden = Scenario(observation="output_feedback").make_vec(20, AutoresetMode.SAME_STEP)
-    true, observation, memory = full.reset(seed=3)[0], hidden.reset(seed=3)[0], None
-    rates = [OBSERVATION_FIELDS[name] for name in ("tracking_error_rate", "direction_rate", "euler_rate")]
-    others = np.delete(np.arange(36), np.r_[tuple(rates)])
-    for step in range(300):
-        action, memory = policy.predict(observation, memory, np.full(20, step in (0, 150)))
-        observed = recording.observed[-1]
-        np.testing.assert_array_equal(observed[:, others], true[:, others])
-        if step in (0, 150):
-            np.testing.assert_array_equal(observed[:, np.r_[tuple(rates[:2])]], 0.0)
-        else:
-            np.testing.assert_allclose(observed[:, np.r_[tuple(rates)]], true[:, np.r_[tuple(rates)]], atol=0.126)
-        true, observation = full.step(action)[0], hidden.step(action)[0]
-
-
-def test_learned_policy_receives_finite_differences_only_if_it_needs_them() -> None:
-    """A base controller with an estimator needs none."""
-    hidden, whole, outputs = Scenario(observation="output_feedback"), mlp_policy(36), mlp_policy(27)
-    assert whole.adapt(Scenario()) is whole
-    assert outputs.adapt(hidden) is outputs
-    adrc = mlp_policy(45, hybrid={**ESTIMATE_ONLY, "base_controller": "adrc-paper"})
-    for needy in (whole, adrc):
-        assert isinstance(needy.adapt(hidden), FiniteDifferencePolicy)
-    assert not isinstance(mlp_policy(45, hybrid=ESTIMATE_ONLY).adapt(hidden), FiniteDifferencePolicy)
-
-
 class Sum(Policy):
     """A policy that reads two fields."""
 
@@ -95,7 +48,7 @@ def test_policies_get_their_fields_by_name() -> None:
     for fields in (["tracking_error", "yaw_reference", "attitude"], ["attitude", "tracking_error"]):
         scenario = Scenario(observation=fields)  # type: ignore[arg-type]
         seen = scenario.make_vec(3).reset(seed=0)[0]
-        for given, flown in ((seen, with_velocities(Sum(), scenario)), (whole, with_velocities(Sum(), Scenario()))):
+        for given, flown in ((seen, fed_by_name(Sum(), scenario)), (whole, fed_by_name(Sum(), Scenario()))):
             np.testing.assert_array_equal(flown.predict(given)[0], whole[:, [12, 13, 14, 0]])
 
 
@@ -106,6 +59,8 @@ def test_a_network_is_refused_where_a_field_is_not_observed(tmp_path: Path) -> N
     for policy in (network, MlpPolicy.load(tmp_path / "few.npz")):
         assert_refused(lambda policy=policy: policy.adapt(few), "reads attitude, which the scenario does not observe")
         assert policy.adapt(Scenario(observation=policy.layouts[0])) is policy
+    hidden = Scenario(observation="output_feedback")
+    assert_refused(lambda: mlp_policy(36).adapt(hidden), "reads tracking_error_rate, .* does not observe", ValueError)
     for policy in (mlp_policy(27), controller("lqr"), mlp_policy(45, hybrid=ESTIMATE_ONLY)):
         message = "reads attitude, reference_2.*, which the scenario does not observe; it observes direction, track"
         assert_refused(lambda policy=policy: policy.adapt(few), message, ValueError)

@@ -4,7 +4,7 @@
 parts of the inputs, that of the control law, and the action of a base controller that acts before the network.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -69,16 +69,16 @@ class _Base(NamedTuple):
     law_size: int  # of the memory of the law
 
 
-def program(policy: Any, simulation: Simulation, part: InputPart) -> Program:
-    """Return the control step of an adapted policy; `part` makes the observation that it reads."""
+def program(policy: Any, simulation: Simulation, read: Sequence[int]) -> Program:
+    """Return the control step of an adapted policy, which reads these columns of the observation of errors."""
     hybrid = policy.hybrid if isinstance(policy, MlpPolicy) else None
     base = _base(policy if hybrid is None else hybrid.controller)
     if not isinstance(policy, MlpPolicy):
         return _with_law(base)
     if hybrid is None:
-        found = _with_network(base, part, (observed_part(range(part.size)),), EstimateOnly)
+        found = _with_network(base, read, (observed_part(range(len(read))),), EstimateOnly)
     else:
-        found = _with_network(base, part, hybrid.parts(part.size), type(hybrid), hybrid)
+        found = _with_network(base, read, hybrid.parts(len(read)), type(hybrid), hybrid)
     p = simulation.parameters
     to_errors = function("to_errors", lambda observed: {"errors": errors(observed, p)}, observed=LAB.size)
     return found._replace(functions={"to_errors": to_errors, **found.functions})
@@ -216,25 +216,24 @@ def _with_law(base: _Base) -> Program:
 
 
 def _with_network(
-    base: _Base, reads: InputPart, parts: tuple[InputPart, ...], kind: Any, hybrid: Any = None
+    base: _Base, columns_read: Sequence[int], parts: tuple[InputPart, ...], kind: Any, hybrid: Any = None
 ) -> Program:
     """Return the step of a network with these inputs, in a hybrid of a kind."""
     acts = kind is ResidualAction  # the base controller, before the network
     own_size = sum(part.memory_size for part in parts)
-    starts = np.cumsum([0, reads.memory_size, own_size, base.law_size * acts, ACTION_SIZE]).tolist()
+    starts = np.cumsum([0, own_size, base.law_size * acts, ACTION_SIZE]).tolist()
 
     def inputs(errors: Any, memory: Any, later: Any, action: Any, extra: Any) -> dict[str, Any]:
-        read, own, law_memory, base_action = ca.vertsplit(extra, starts)
+        own, law_memory, base_action = ca.vertsplit(extra, starts)
         after = base.arrived(memory, later)
         if acts:
             base_action, law_memory = base.control(after, law_memory)
         given = action, base_action, vector(base.seen(row(memory))), base.seen(after)
-        chosen, read = seen_by((reads,), errors, *given, read)
-        seen, own = seen_by(parts, chosen, *given, own)
-        return {"seen": seen, "next_extra": ca.vertcat(read, own, law_memory, base_action)}
+        seen, own = seen_by(parts, errors[columns_read], *given, own)
+        return {"seen": seen, "next_extra": ca.vertcat(own, law_memory, base_action)}
 
     def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
-        applied = lift(kind._applied)(hybrid, row(output), row(extra[starts[3] :]))
+        applied = lift(kind._applied)(hybrid, row(output), row(extra[starts[2] :]))
         return {"action": vector(applied), "next_extra": extra}
 
     sizes = {"memory": base.observer.memory, "later": base.observer.estimate or base.observer.memory}

@@ -18,7 +18,6 @@ from quadpend_baselines.estimation.estimate import HELD
 from quadpend_baselines.estimation.feeding import FedErrors
 from quadpend_baselines.estimation.kalman import Estimator
 from quadpend_baselines.estimation.samples import COASTS
-from quadpend_baselines.hybrid.parts import InputPart, observed_part
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
@@ -28,7 +27,6 @@ from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.files import atomic
 from quadpend_train.export.program import program
 from quadpend_train.policies.compiled import samples_of
-from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
 _FOLDER = Path(__file__).parent
@@ -64,8 +62,8 @@ def export_c(
         raise ValueError(f"the name of a C file must be letters, digits and _, and end with .c, not {out.name!r}")
     scenario = replace(scenario, observation=LAB)
     adapted = adapt(policy, name, scenario, gain_steps)
-    inner, part = _inner(adapted)
-    simulation, found = scenario.simulation, program(inner, scenario.simulation, part)
+    inner, read = _inner(adapted)
+    simulation, found = scenario.simulation, program(inner, scenario.simulation, read)
     scale, is_network, reads_observer = simulation.command_scale, isinstance(inner, MlpPolicy), bool(found.checked)
     functions = dict(found.functions)
     tables, layers = "", ""
@@ -138,9 +136,7 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
     if any(isinstance(model, Delay) for model in scenario.sensors):
         raise ValueError("C files predict no delay of sensors: choose another --scenario, with a latency in its place")
     adapted = copy(policy).adapt(scenario)
-    inner, part = _inner(adapted)
-    if part.size != OUTPUT_FEEDBACK_SIZE and _base(inner) is not None:
-        raise ValueError(f"{name} cannot be written as C: it reads velocities; train it with 'output_feedback'")
+    inner, _ = _inner(adapted)
     if isinstance(inner, MlpPolicy):
         setattr(inner, "forward", _double_forward(inner))  # noqa: B010
     if (observer := _observer(inner)) is not None:
@@ -163,14 +159,12 @@ def scenario_for(policy: Policy, name: str) -> str:
     raise ValueError(f"{name} commands {interface} of the vehicle {vehicle}: give a --scenario with both")
 
 
-def _inner(adapted: Any) -> tuple[Any, InputPart]:
-    """Return a policy and what it reads: some fields, rates from differences, or the observation."""
+def _inner(adapted: Any) -> tuple[Any, list[int]]:
+    """Return a policy, and the columns of the observation of errors that it reads."""
     read: Any = slice(None)
     if isinstance(adapted, FedErrors):
         adapted, read = adapted.policy, adapted.read
-    if isinstance(adapted, FiniteDifferencePolicy):
-        return adapted.policy, adapted.part
-    return adapted, observed_part(np.arange(OUTPUT_FEEDBACK_SIZE)[read].tolist())
+    return adapted, np.arange(OUTPUT_FEEDBACK_SIZE)[read].tolist()
 
 
 def _base(policy: Any) -> Any:

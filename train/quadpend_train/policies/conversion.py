@@ -18,13 +18,13 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from quadpend_baselines import Policy
+from quadpend_baselines.estimation.feeding import fed_by_name
 from quadpend_baselines.policy.protocol import PolicyWrapper
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.envs.spaces import action_space
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import FULL, ObservationLayout, as_layout
-from quadpend_train.policies.finite_differences import with_velocities
 from quadpend_train.policies.mlp_policy import check_interface
 from quadpend_train.policies.normalization import Normalization
 
@@ -59,9 +59,9 @@ class ObjectPolicy(Policy):
         return returned
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return the policy as it reads the observation of a scenario, with velocities if it needs them."""
+        """Return the policy as it reads the observation of a scenario."""
         check_interface(self.card or {}, scenario.simulation)
-        return with_velocities(self, scenario)
+        return fed_by_name(self, scenario)
 
 
 def _layouts(value: Any) -> tuple[ObservationLayout, ...] | None:
@@ -92,8 +92,8 @@ class FunctionPolicy(Policy):
         return np.clip(np.asarray(self.function(observation), np.float32), -1.0, 1.0), None
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return the policy as it reads the observation of a scenario, with velocities if it needs them."""
-        return with_velocities(self, scenario)
+        """Return the policy as it reads the observation of a scenario."""
+        return fed_by_name(self, scenario)
 
 
 def as_policy(value: Any) -> Policy:

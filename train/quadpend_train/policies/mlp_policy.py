@@ -22,6 +22,7 @@ import numpy as np
 from gymnasium import logger
 
 from quadpend_baselines import Policy
+from quadpend_baselines.estimation.feeding import fed_by_name
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
 from quadpend_baselines.hybrid.wrapper import NO_HYBRID
@@ -35,7 +36,6 @@ from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import FULL, LAB, OUTPUT_FEEDBACK, ObservationLayout, as_layout
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
-from quadpend_train.policies.finite_differences import with_velocities
 from quadpend_train.policies.normalization import Normalization
 
 SHIPPED = Path(__file__).parent / "shipped"
@@ -117,17 +117,17 @@ class MlpPolicy(Policy):
             np.savez_compressed(file, **arrays)
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return the policy with its base controller designed for a scenario, and with velocities if it needs them."""
+        """Return the policy with its base controller designed for a scenario, as it reads the observation there."""
         check_interface(self.card, scenario.simulation)
         if (hybrid := self.hybrid) is None:
-            return with_velocities(self, scenario)
+            return fed_by_name(self, scenario)
         if scenario.task.pendulum == "hanging" and not hybrid.flies_load:
             raise ValueError(NO_HYBRID)
 
         def adapt(known: Scenario) -> Policy:
             other = copy(self)
             other.hybrid = hybrid.flown_in(known.simulation, Loop.known(known))
-            return with_velocities(other, known)
+            return fed_by_name(other, known)
 
         return for_told_pole(adapt, scenario)
 
