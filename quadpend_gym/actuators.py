@@ -11,6 +11,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
+from quadpend_gym.core.events import Interruptions
 from quadpend_gym.core.models import FromFactory, Model, Registry, ZeroInitialized
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
@@ -125,6 +126,19 @@ class PacketLoss(ZeroInitialized):
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace lost commands by the last one that arrived."""
         hold(action, memory, streams.uniform(step + 1, 1)[:, 0] < self.probability)
+
+
+@ACTUATORS.add
+@settings
+class PacketBursts(Interruptions):
+    """Loss of all commands for a time, again and again; the last command that arrived replaces them, at first hover."""
+
+    kind: Literal["packet_bursts"] = "packet_bursts"
+    memory_size = Interruptions.memory_size + ACTION_SIZE  # the last action that arrived
+
+    def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
+        """Replace lost commands by the last one that arrived."""
+        hold(action, memory[:, 2:-1], self._held(memory, step, simulation.period, streams))
 
 
 @ACTUATORS.add

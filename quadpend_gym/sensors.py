@@ -19,15 +19,21 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
-from quadpend_gym.core.events import first_events, next_events, present_events, take_due
+from quadpend_gym.core.events import Interruptions, first_events, next_events, take_due
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.models import FromFactory, Model, Registry, ZeroInitialized
 from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
-from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
+from quadpend_gym.physics.state import DIRECTION, EULER, STATE_FIELDS, STATE_SIZE
 
 AGE, MEASURED_SIZE = STATE_SIZE, STATE_SIZE + 1  # column of the age, and number of columns of a measurement
 _LEVEL_STREAM = 1  # substream of the level of a `Noise`
+Part = Literal["position", "attitude", "pole"]
+PARTS: dict[Part, slice] = {
+    "position": slice(0, EULER),
+    "attitude": slice(EULER, DIRECTION),
+    "pole": slice(DIRECTION, AGE),
+}
 
 
 @runtime_checkable
@@ -241,61 +247,69 @@ class Dropout(ZeroInitialized):
         hold_sample(measured, memory, step, streams.uniform(step + 1, 1)[:, 0] < self.probability, period)
 
 
+@SENSORS.add
 @settings
-class _Interruption:
-    """Base class of sensors that hold their last sample for a time, again and again; an episode begins with a pause.
+class Bursts(Interruptions):
+    """Drop-outs in bursts: no sample arrives for a time. The last one received replaces them, and its age grows.
 
-    A sample is held if the middle of its control period lies in an interruption. The first of an episode never is.
+    The first sample of an episode is never lost.
     """
 
-    # duration of each interruption, uniform in this interval, at least 0.001
-    length: Annotated[Interval, Range(0.001, 1e6, "s")] = (0.1, 0.1)
-    pause: Annotated[Interval, Range(0.0, 1e6, "s")] = (0.9, 0.9)  # time before each of them, uniform in this interval
-    kind: str = ""
-    memory_size = MEASURED_SIZE + 3  # of `core.events`, around the last sample
-    _ageing = 0.0  # periods by which a held sample is older than before
-
-    def initial_memory(self, streams: Streams) -> Floats:
-        """Draw the first interruption."""
-        return first_events(self.memory_size, streams, self._draw_next)
-
-    def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
-        next_events(memory, ended, streams, self.pause, self.length)
+    kind: Literal["bursts"] = "bursts"
+    memory_size = Interruptions.memory_size + MEASURED_SIZE  # the last sample
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace the measurement by the last one before the interruption."""
-        held = present_events(memory, (step + 0.5) * period, streams, self._draw_next)
-        hold_sample(measured, memory[:, 2:-1], step, held, self._ageing * period)
+        hold_sample(measured, memory[:, 2:-1], step, self._held(memory, step, period, streams), period)
 
 
 @SENSORS.add
 @settings
-class Bursts(_Interruption):
-    """Drop-outs in bursts: no sample arrives for a time. The last one received replaces them, and its age grows."""
+class Frozen(Interruptions):
+    """A sensor that gives its last sample, or parts of it, as new for a time: the age of the sample does not grow.
 
-    kind: Literal["bursts"] = "bursts"
-    _ageing = 1.0
-
-
-@SENSORS.add
-@settings
-class Frozen(_Interruption):
-    """A sensor that gives its last sample as new ones for a time: the age of the sample does not grow."""
+    The first sample of an episode is never replaced.
+    """
 
     length: Annotated[Interval, Range(0.001, 1e6, "s")] = (0.05, 0.05)  # as that of `Bursts`
     pause: Annotated[Interval, Range(0.0, 1e6, "s")] = (1.0, 2.0)  # as that of `Bursts`
+    parts: tuple[Part, ...] = tuple(PARTS)  # what is repeated, each part with its rates
     kind: Literal["frozen"] = "frozen"
+    memory_size = Interruptions.memory_size + MEASURED_SIZE  # the last sample
+
+    def __post_init__(self) -> None:
+        if not self.parts:
+            raise ValueError(f"parts must have one or more of {', '.join(map(repr, PARTS))}")
+
+    def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Replace the parts of the measurement by the last ones before the interruption."""
+        held, last = self._held(memory, step, period, streams), memory[:, 2:-1]
+        fresh = [columns for part, columns in PARTS.items() if part not in self.parts]
+        for columns in [*fresh, slice(AGE, MEASURED_SIZE)] if fresh else []:
+            last[:, columns] = measured[:, columns]
+        hold_sample(measured, last, step, held, 0.0)
+
+
+def _turned(r: Floats, error: Floats) -> Floats:
+    """Return unit vectors, shape (n, 3), turned towards the error vectors by their lengths (rad)."""
+    side = error - np.sum(error * r, axis=1, keepdims=True) * r
+    angle, size = (np.sqrt(np.sum(item * item, axis=1, keepdims=True)) for item in (error, side))
+    return np.asarray(np.cos(angle) * r + np.sin(angle) / np.maximum(size, 1e-12) * side)
 
 
 @SENSORS.add
 @settings
 class Outliers:
-    """Single samples of the position that are wrong, each by a vector of random direction."""
+    """Single samples of a part of the state that are wrong, each by a vector of random direction.
 
-    # size of the error; of two numbers, uniform in this interval and drawn for each outlier
+    The vector is added to the position or to φ, θ and ψ; the pole is turned towards it, by π to the opposite direction.
+    """
+
+    # size of the error (attitude and pole: rad); of two numbers, uniform in this interval and drawn for each outlier
     distance: Annotated[float | Interval, Range(0.0, 1e6, "m")] = 1.0
     # time before each outlier, uniform in this interval, at least 0.001; a control period has at most one outlier
     pause: Annotated[Interval, Range(0.001, 1e6, "s")] = (2.0, 2.0)
+    part: Part = "position"  # what is wrong
     kind: Literal["outliers"] = "outliers"
     memory_size = 6  # of `core.events` with a length of 0, around the error (m)
 
@@ -313,7 +327,9 @@ class Outliers:
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the error of an outlier whose time has come."""
         error = take_due(memory, (step + 0.5) * period, streams, self._draw_next, 0.0)
-        measured[:, STATE_FIELDS["position"]] += error
+        first = PARTS[self.part].start
+        wrong = measured[:, first : first + 3]
+        wrong[:] = _turned(wrong, error) if self.part == "pole" else wrong + error
 
 
 @SENSORS.add

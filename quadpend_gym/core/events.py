@@ -5,11 +5,12 @@ of the present or next event, and ends with its number.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from quadpend_gym.core.arrays import Booleans, Floats
+from quadpend_gym.core.arrays import Booleans, Floats, Integers
+from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import Streams
 
 Draw = Callable[[Floats, Any, Streams], None]  # draws the next events of the rows of a mask: (memory, rows, streams)
@@ -45,3 +46,28 @@ def take_due(memory: Floats, time: Any, streams: Streams, draw: Draw, otherwise:
     found = np.where((time > memory[:, 0])[:, np.newaxis], memory[:, 2:-1], otherwise)
     present_events(memory, time, streams, draw)
     return found
+
+
+@settings
+class Interruptions:
+    """Base class of models that hold their last values for a time, again and again; an episode begins with a pause.
+
+    Values are held if the middle of their control period lies in an interruption.
+    """
+
+    # duration of each interruption, uniform in this interval, at least 0.001
+    length: Annotated[Interval, Range(0.001, 1e6, "s")] = (0.1, 0.1)
+    pause: Annotated[Interval, Range(0.0, 1e6, "s")] = (0.9, 0.9)  # time before each of them, uniform in this interval
+    kind: str = ""
+    memory_size = 3  # of an event, around the last values
+
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Draw the first interruption."""
+        return first_events(self.memory_size, streams, self._draw_next)
+
+    def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
+        next_events(memory, ended, streams, self.pause, self.length)
+
+    def _held(self, memory: Floats, step: Integers, period: float, streams: Streams) -> Booleans:
+        """Return of which rows the values are held."""
+        return present_events(memory, (step + 0.5) * period, streams, self._draw_next)

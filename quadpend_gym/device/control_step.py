@@ -197,6 +197,7 @@ class _Generator:
         self.loop = None if scenario.loop is None else Schedule(scenario.loop, self.simulation, 1)
         self.moves_air = any(model.moves_air for model in scenario.wind_models)
         count = actions_under_way(self.simulation, scenario.loop)
+        count = max(count, 1) if self.task.reward.action_rate else count  # that compares the last action
         models = scenario.actuators, scenario.wind_models, scenario.sensors
         sizes = {
             "x": STATE_SIZE + self.plant.memory_size,
@@ -436,8 +437,10 @@ class _Generator:
         ended = ca.fmax(lost, lift(step_kernel.cause_of_fall)(lanes, 0, tracking.error, rod_length, limits))
         terms = lift(rewards.reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(issued), 0, weights.tip)
         reward = lift(rewards.reward)(terms, cosine, lift(load)(lanes, DIRECTION_RATE, 0), weights)
-        measured, step = rows([*lanes[:STATE_SIZE, 0], 0.0]), self._step(draws.clock + 1)
         period = simulation.period
+        if share := task.reward.action_rate:
+            reward *= rewards.steady_share(issued - self._part("queue")[-ACTION_SIZE:], period, share)
+        measured, step = rows([*lanes[:STATE_SIZE, 0], 0.0]), self._step(draws.clock + 1)
         sense = self._apply(draws, "sense", lambda model, *own: model.sense(measured, own[0], step, period, own[1]))
         return {
             "x": after,

@@ -49,10 +49,10 @@ from quadpend_gym.tasks.observation import (
     tracking_errors,
 )
 from quadpend_gym.tasks.references import POINT_SIZE, REFERENCE_SIZE, ReferencePoint, load_point
-from quadpend_gym.tasks.rewards import reward, reward_terms
+from quadpend_gym.tasks.rewards import reward, reward_terms, steady_share
 from quadpend_gym.tasks.task import Task
 from quadpend_gym.tasks.trajectories import reference_at
-from quadpend_gym.vehicles import Simulation
+from quadpend_gym.vehicles import CONTROL_PERIOD, Simulation
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import HAND, WIND_FIELDS, WIND_SIZE
 
@@ -151,10 +151,11 @@ def observation_function() -> Any:
 
 
 @lru_cache(maxsize=8)
-def reward_function(task: Task) -> Any:
+def reward_function(task: Task, period: float = CONTROL_PERIOD) -> Any:
     """Return the reward and its four terms in the state that an action led to.
 
-    (state, action, parameters, point) → (reward, terms), see `quadpend_gym.tasks.rewards`.
+    (state, action, parameters, point) → (reward, terms), see `quadpend_gym.tasks.rewards`. With an `action_rate` the
+    function has a fifth argument, the previous action; `period` (s) is the time between the two.
     """
     x = _symbols(state=STATE_SIZE, action=ACTION_SIZE, parameters=PARAMETERS_SIZE, point=POINT_SIZE)
     state, weights = columns(x["state"]), make_weights(task)
@@ -162,4 +163,7 @@ def reward_function(task: Task) -> Any:
     tracking = _errors(state, x["parameters"], point)
     terms = lift(reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(x["action"]), 0, weights.tip)
     total = lift(reward)(terms, cosine, lift(load)(state, DIRECTION_RATE, 0), weights)
+    if share := task.reward.action_rate:
+        x |= _symbols(previous=ACTION_SIZE)
+        total *= steady_share(x["action"] - x["previous"], period, share)
     return _function("reward", x, reward=total, terms=vector(terms))

@@ -46,7 +46,7 @@ from quadpend_gym.envs.kernel_layout import (
     pack_settings,
 )
 from quadpend_gym.envs.loops import Schedule
-from quadpend_gym.envs.outcome import LOOP, StepInfo
+from quadpend_gym.envs.outcome import LOOP, REWARD, StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
 from quadpend_gym.envs.step_kernel import KERNELS, MEASURE, STEP, observe_sensed
 from quadpend_gym.envs.threads import run_in_threads
@@ -56,6 +56,7 @@ from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks.observation import ALL, FULL
 from quadpend_gym.tasks.references import CHANNELS, POINT_CHANNELS, REFERENCE_SIZE, draw_references
+from quadpend_gym.tasks.rewards import steady_share
 from quadpend_gym.tasks.starts import draw_starts, start_pole
 from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable, is_one_term
 from quadpend_gym.vehicles import PARAMETER_NAMES
@@ -110,6 +111,7 @@ class World:
         self._reference_ranges = pack(astuple(task.references))
         self._start_settings = pack(astuple(task.start)), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
+        self._last_action = np.zeros((num_envs, ACTION_SIZE))  # that the reward with `action_rate` compares
         self._jumps = ModelBatch(() if task.jumps is None else (task.jumps,), num_envs)
         # Values of the channels (F_x, F_y, z, ψ) without jumps of a `Reference` of one term, and how far they jumped.
         self._without_jumps, self._jumped = np.zeros((2, CHANNELS, num_envs)).swapaxes(1, 2)
@@ -241,6 +243,7 @@ class World:
             view.direction_rate[:] -= along * view.direction
             self.state[rows] = view.array
         self._memory[rows, MEMORY_SIZE:] = 0.0  # also the actions under way, which are hover
+        self._last_action[rows] = 0.0
         self.plant_memory[rows] = self._plant.initial_memory(self.state[rows])
 
     def _set_reference(self, rows: Integers, fixed: tuple[Trajectory, ...]) -> None:
@@ -363,6 +366,11 @@ class World:
             if self._actuators.models:
                 raise_step_error(error, action, self._sampled, "action after the actuators")
             return self._step_clipped(error, action)
+        if share := self.task.reward.action_rate:
+            outcome[REWARD, : self.num_envs] *= steady_share(
+                (action - self._last_action).T, self.simulation.period, share
+            )
+            self._last_action[:] = action
         if is_drawn:
             outcome[LOOP, : self.num_envs] = schedule.drawn
         if self._sensors.models:

@@ -8,10 +8,12 @@ the side on which it is to be: h = r_z for an upright one, h = −r_z for a hang
     (3)  yaw      = 1 / (1 + (ψ_e / 0.2 rad)²)
     (4)  effort   = 1 / (1 + |a|²)
     (5)  reward   = (1 − p + p (1 + h)²/4 / (1 + (|ṙ| / 5 s⁻¹)²)) · weighted mean of (1) to (4)
+    (6)  with q > 0 it is multiplied by 1 − q + q / (1 + (|a − a₋| / (10 s⁻¹ · T))²)
 
 The weight s of the narrow peak is `RewardWeights.tip`, by default ½. p is `RewardWeights.pendulum_first`, by default 0:
-with 1, nothing is rewarded while the pendulum is on the opposite side, and little while it spins. No term is negative,
-so an early termination never increases the return.
+with 1, nothing is rewarded while the pendulum is on the opposite side, and little while it spins. q is
+`RewardWeights.action_rate`, by default 0; a₋ is the action of the step before, at first hover, and T the control
+period. No term is negative, so an early termination never increases the return.
 """
 
 from typing import Any, NamedTuple
@@ -20,7 +22,7 @@ from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.vectors import Vec3, dot, norm
 
 _FAR, _NEAR, _YAW = 0.3, 0.02, 0.2  # m, m, rad; half-widths of the peaks in (1) and (3)
-_SWING = 5.0  # 1/s, half-width of the peak in (5)
+_SWING, _RATE = 5.0, 10.0  # 1/s, half-widths of the peaks in (5) and (6)
 
 
 class Reward(NamedTuple):
@@ -58,3 +60,9 @@ def reward(terms: Reward, cosine: float, rate: Vec3, weights: Any) -> float:
         + weights.effort * terms.effort
     )
     return float((1.0 - weights.pendulum_first * (1.0 - reached)) * mean)
+
+
+def steady_share(change: Any, period: float, share: float) -> Any:
+    """Return the factor (6) for the four components of a − a₋, numbers or arrays, T (s) and q."""
+    squared = change[0] ** 2 + change[1] ** 2 + change[2] ** 2 + change[3] ** 2
+    return 1.0 - share + share / (1.0 + squared / (_RATE * period) ** 2)

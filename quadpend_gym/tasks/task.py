@@ -40,6 +40,8 @@ class RewardWeights:
     tip: Annotated[float, Range(0.0, 1.0)] = 0.5  # s, share of the narrow peak in the tracking term
     # p, from 0 to 1: how much all terms vanish while the pendulum is on the wrong side or spins
     pendulum_first: Annotated[float, Range(0.0, 1.0)] = 0.0
+    # q, from 0 to 1: how much all terms vanish while the action changes fast
+    action_rate: Annotated[float, Range(0.0, 1.0)] = 0.0
 
     def __post_init__(self) -> None:
         if not (self.tracking or self.upright or self.yaw or self.effort):

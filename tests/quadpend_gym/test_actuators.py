@@ -13,6 +13,7 @@ from quadpend_gym.actuators import (
     ActionDelay,
     GyroBias,
     MotorLag,
+    PacketBursts,
     PacketLoss,
     RateLimit,
     as_actuators,
@@ -119,6 +120,14 @@ def test_a_lost_command_is_replaced_by_the_last_one_that_arrived() -> None:
     before = np.concatenate([np.zeros((1, 20, 4)), out[:-1]])  # hover before the first command
     assert_array_equal(out[~arrived], before[~arrived])
     assert (~arrived).mean() == pytest.approx(0.2, abs=5.0 * np.sqrt(0.2 * 0.8 / arrived.size))
+
+
+def test_bursts_of_lost_commands_hold_the_last_one_for_their_length() -> None:
+    """With a pause of 0.2 s and a length of 0.1 s, steps 20 to 29 have the action of step 19; at first it is hover."""
+    actions, number = draw_actions(0, 100, 3), np.arange(100)
+    out = apply_actuators(PacketBursts((0.1, 0.1), (0.2, 0.2)), actions)
+    assert_array_equal(out, actions[np.where(number % 30 >= 20, number // 30 * 30 + 19, number)])
+    assert not apply_actuators(PacketBursts((0.1, 0.1), (0.0, 0.0)), actions)[:10].any()
 
 
 def test_a_gyro_bias_shifts_the_commanded_rates_of_an_episode() -> None:

@@ -10,7 +10,7 @@ from scipy import stats
 from quadpend_gym import Reference, read_observation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_FIELDS, State
-from quadpend_gym.sensors import Bursts, Delay, Dropout, Frozen, Noise, Outliers, SampleHold
+from quadpend_gym.sensors import PARTS, Bursts, Delay, Dropout, Frozen, Noise, Outliers, SampleHold
 from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make_vec
 
 MOVING = Reference(
@@ -31,7 +31,10 @@ SENSORS: dict[str, Any] = {
     "dropout": Dropout(0.3),
     "bursts": Bursts((0.05, 0.1), (0.02, 0.06)),
     "frozen": Frozen((0.05, 0.1), (0.02, 0.06)),
+    "frozen pole": Frozen((0.05, 0.1), (0.02, 0.06), parts=("pole",)),
     "outliers": Outliers((0.5, 1.0), (0.01, 0.02)),
+    "outliers of the pole": Outliers(np.pi, (0.01, 0.02), "pole"),
+    "outliers of the attitude": Outliers(np.pi, (0.01, 0.02), "attitude"),
     "sample and hold": SampleHold(0.07),  # 60 control steps end on a held sample
     "all": [Noise(position=0.01), Dropout(0.3), Delay(2), {"kind": "noise", "euler": {"quantum": 0.01}}],
 }
@@ -224,6 +227,26 @@ def test_an_outlier_moves_the_position_of_one_sample_in_a_random_direction() -> 
         assert stats.kstest(component / 0.5, stats.uniform(-1.0, 2.0).cdf).pvalue > 0.001
     size = np.linalg.norm(errors(Outliers((0.5, 1.5), (0.01, 0.01)), 1000, 1)[1], axis=-1)
     assert stats.kstest(size, stats.uniform(0.5, 1.0).cdf).pvalue > 0.001
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_outliers_and_frozen_samples_of_a_part_leave_the_others_alone(part: Any) -> None:
+    """The pole of an outlier is at its angle from the true one, by π in the opposite direction."""
+    number, columns = np.arange(31), PARTS[part]
+    true, measured = true_and_measured(Frozen((0.1, 0.1), (0.2, 0.2), parts=(part,)), 3, 30)
+    assert_array_equal(measured[:, :, columns], true[np.where(number // 10 == 2, 19, number)][:, :, columns])
+    assert_array_equal(np.delete(measured, columns, axis=-1), np.delete(true, columns, axis=-1))
+    size = np.pi if part == "pole" else 0.5
+    true, measured = true_and_measured(Outliers(size, (0.2, 0.2), part), 3, 30)
+    first = slice(columns.start, columns.start + 3)
+    assert_array_equal(np.delete(measured, first, axis=-1), np.delete(true, first, axis=-1))
+    assert_array_equal(np.delete(measured, 20, axis=0), np.delete(true, 20, axis=0))
+    right, wrong = true[20, :, first], measured[20, :, first]
+    assert_allclose(
+        wrong if part == "pole" else np.linalg.norm(wrong - right, axis=-1), -right if part == "pole" else size
+    )
+    angle = errors(Outliers(0.5, (0.01, 0.01), "pole"), 100, 1)[1, :, PARTS["pole"]][:, :3]
+    assert_allclose(np.linalg.norm(angle, axis=-1), 2.0 * np.sin(0.25), rtol=1e-12)
 
 
 @every_sensor

@@ -27,7 +27,19 @@ LIMIT = 61  # control steps of an episode
 SCENARIOS = ["windy", "flight_training_late"]
 OWN: dict[str, dict[str, Any]] = {
     "paper, calm": {},
-    "paper, drawn loop": {"loop": {"latency": (0.0, 0.03), "jitter": 0.004, "thrust": (0.9, 1.1)}},
+    "paper, drawn loop": {
+        "loop": {"latency": (0.0, 0.03), "jitter": 0.004, "thrust": (0.9, 1.1)},
+        "task": {"reward": {"action_rate": 0.5}},
+    },
+    "further events": {
+        "task": {"reward": {"action_rate": 0.5}},
+        "actuators": {"kind": "packet_bursts", "length": [0.03, 0.05], "pause": [0.05, 0.1]},
+        "sensors": [
+            {"kind": "frozen", "parts": ["pole"], "length": [0.02, 0.03], "pause": [0.05, 0.1]},
+            {"kind": "outliers", "part": "pole", "distance": [0.5, 3.1], "pause": [0.05, 0.1]},
+            {"kind": "outliers", "part": "attitude", "pause": [0.05, 0.1]},
+        ],
+    },
     "events": {
         "vehicle": "hummingbird",
         "interface": "body_rates",
@@ -66,6 +78,7 @@ OWN: dict[str, dict[str, Any]] = {
             {"kind": "step", "force": 0.2, "at": [0.1, 0.3]},
         ],
         "latency": 0.015,
+        "task": {"reward": {"action_rate": 0.5}},
     },
 }
 OTHERS = [

@@ -1,5 +1,6 @@
 """The functions of CasADi compute what the compiled step of the environments computes, and have its derivatives."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,10 @@ def test_observation_reward_and_reference_are_those_of_the_environment() -> None
     np.testing.assert_allclose(
         terms.T, outcome[places.TRACKING_TERM : places.TRACKING_TERM + 4], rtol=1e-13, atol=1e-13
     )
+    steady = engines.reward_function(replace(TASK, reward=replace(TASK.reward, action_rate=1.0)))
+    for change, factor in ((0.0, 1.0), (0.05, 0.5)):
+        less, _ = call(steady, state, x.action, x.parameters, point, x.action - change)
+        np.testing.assert_allclose(less, factor * rewards, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", SIMULATIONS)

@@ -40,3 +40,16 @@ def test_the_reward_is_the_weighted_mean_of_terms_in_0_to_1() -> None:
             terms = np.array([info["reward_terms"][name] for name in names])
             assert_allclose(reward, np.average(terms, 0, [getattr(weights, name) for name in names]), rtol=1e-12)
             assert 0.0 <= terms.min() <= terms.max() <= 1.0
+
+
+def test_a_weight_of_the_action_rate_multiplies_the_reward() -> None:
+    """It compares with the action of the step before, in the first step of an episode with hover."""
+    found = []
+    for share in (0.0, 0.3):
+        env = make_vec(3, task=replace(ENDLESS, reward=RewardWeights(action_rate=share)), duration=0.1)
+        env.reset(seed=0)
+        actions = draw_actions(0, 10, 3)
+        found.append(np.array([reward for _, reward, *_ in run_actions(env, actions)]))
+    change = np.diff(actions.astype(np.float64), axis=0, prepend=0.0)
+    factor = 0.7 + 0.3 / (1.0 + np.sum(change**2, axis=-1) / (10.0 * 0.01) ** 2)
+    assert_allclose(found[1], factor * found[0], rtol=1e-12)

@@ -64,6 +64,22 @@ def test_ten_updates_lower_the_cost() -> None:
     assert cost(model, env) < 0.99 * before
 
 
+def test_the_cost_of_a_step_has_the_reference_after_its_jump() -> None:
+    jumps = json.dumps({"task": {"jumps": {"distance": [0.5, 0.5], "pause": [0.1, 0.1]}}})
+    only = replace(BRIEF.apg, rmse=1.0, error=0.0, yaw=0.0, effort=0.0, rate=0.0, lean=0.0)
+    model, env = model_and_env(replace(BRIEF, scenarios=(jumps,), hybrid=HybridSettings("flatness"), apg=only))
+    errors, step = [], env.env.step
+
+    def recorded(actions: Any) -> Any:
+        result = step(actions)
+        errors.append(result[4]["tracking_error"])
+        return result
+
+    env.env.step = recorded
+    found = cost(model, env)
+    assert found == pytest.approx(np.sqrt(np.sum(np.square(errors)) / (30 * env.num_envs) + 1e-6), rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("scenario", "hybrid", "tolerance"),
     [

@@ -92,7 +92,7 @@ class APG(OnPolicyAlgorithm):
         for _ in range(self.apg.window):
             action = self._mean_action(observation)
             time = everything[0].simulation.period * (1.0 + _gather(everything, "clock"))
-            point = reference_points(self._scenarios, _gather(everything, "reference"), time)
+            reference = _gather(everything, "reference")
             is_scored = time > self._unscored
             before = [[memory.copy() for memory in world.actuator_memories] for world in everything]
             wind, parameters = _gather(everything, "wind"), _gather(everything, "parameters")
@@ -105,6 +105,8 @@ class APG(OnPolicyAlgorithm):
             if ended.any():
                 self._update_info_buffer(infos, ended)
                 self._falls += sum(not infos[row]["TimeLimit.truncated"] for row in np.flatnonzero(ended))
+            jumped = np.where(ended[:, np.newaxis], reference, _gather(everything, "reference"))
+            point = reference_points(self._scenarios, jumped, time)
             constants = wind, parameters, self._flights.drawn(everything, before), point, self._flights.weights
             after, step_costs = self._flights.step(flight.detach().numpy(), action.detach().numpy(), *constants)
             noise = _gather(everything, "measured") - self._flights.delayed(flight.detach().numpy(), after)
