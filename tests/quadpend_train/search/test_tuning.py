@@ -45,6 +45,7 @@ def test_a_search_continues_and_its_result_is_scored(
 ) -> None:
     """For a hanging pendulum."""
     shorten_scenarios(monkeypatch, 1.0)
+    monkeypatch.setattr(tuning, "CHOICE_EPISODES", 2)
     monkeypatch.setattr(tuning, "SCORE_EPISODES", 2)
     options = ["tune", "lqr", "--episodes", "2", "--scenarios", "load_windy", "--out", str(tmp_path)]
     for trials in (2, 3, 3):
@@ -54,6 +55,8 @@ def test_a_search_continues_and_its_result_is_scored(
     assert made[0].params == pytest.approx(search.start)
     assert len({json.dumps(trial.params) for trial in made}) == len(made) == 3
     found = json.loads((tmp_path / "lqr.json").read_text(encoding="utf-8"))
+    assert found["gains"] in [tuning.rounded(trial.params) for trial in made]
+    assert found["loss"] <= found["loss of the present gains"]
     assert found["survival and penalised rmse"]["load_windy"][0] == 100.0
     assert set(found["gains"]) == set(tuning.SEARCH_SPACES["lqr"])
     assert_refused(lambda: load_policy(f"lqi:{tmp_path / 'lqr.json'}"), "has the gains of lqr, not of lqi", ValueError)
@@ -63,6 +66,7 @@ def test_a_search_continues_and_its_result_is_scored(
 def test_a_scenario_of_ones_own_is_tuned_for_and_its_changes_begin_a_new_study(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(tuning, "CHOICE_EPISODES", 2)
     monkeypatch.setattr(tuning, "SCORE_EPISODES", 2)
     mine = Scenario(wind="breeze", duration=1.0, name="mine")
     search, storage = tuning.Search("lqr", [mine], 2), str(tmp_path / "trials.log")
