@@ -114,7 +114,7 @@ def test_the_commands_in_the_readme_and_the_quickstart_run(page: str, folder: Pa
     train = ["--total-timesteps", "1024", "--num-envs", "16", "--set", "ppo.batch_size=64", "--n-eval-episodes", "1"]
     evaluate = ["--episodes", "2"]
     watch = ["--out", "look.png", "--size", "320", "240"]
-    brief = {"train": train, "evaluate": evaluate, "watch": watch, "card": []}
+    brief = {"train": train, "evaluate": evaluate, "watch": watch}
     text = (ROOT / page).read_text(encoding="utf-8")
     for line in "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).splitlines():
         command, *options = shlex.split(line.removeprefix("quadpend "))

@@ -185,13 +185,6 @@ def _body_commands(
         store_four(out.T, 0, row, body_command(load_state(state.T, 0, row), given, forces, model, rigid))
 
 
-@compiled
-def _equivalent_disturbances(disturbance: Floats, packed: Floats, out: Floats) -> None:
-    model = unpack_pendulum(packed)
-    for row in range(out.shape[0]):
-        store_vectors(out.T, 0, row, equivalent_forces(load_forces(disturbance.T, 0, row), model))
-
-
 class EquivalentModel:
     """The equivalent pendulum of a vehicle, and its functions for n rows.
 
@@ -251,12 +244,6 @@ class EquivalentModel:
             gravity=p.gravity,
         )
         return replace(self.vehicle, vehicle=vehicle, interface="wrench", latency=0.0)
-
-    def disturbance(self, disturbance: Floats) -> Floats:
-        """Return d_Q, d_B and d_τ (N, N·m) that act on the equivalent pendulum like those on the vehicle, (n, 9)."""
-        out = np.empty(disturbance.shape)
-        _equivalent_disturbances(np.ascontiguousarray(disturbance), self.packed, out)
-        return out
 
     def trajectory(self, reference: Floats, yaw_reference: Floats, disturbance: Floats) -> tuple[Floats, Floats]:
         """Return the state and the command of the equivalent pendulum that follow a reference under a disturbance.

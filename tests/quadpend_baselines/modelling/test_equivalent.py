@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_baselines.modelling.equivalent import equivalent_model, equivalent_reference
+from quadpend_baselines.modelling.equivalent import equivalent_forces, equivalent_model, equivalent_reference
 from quadpend_baselines.modelling.inverse_dynamics import body_torques
 from quadpend_baselines.modelling.quantities import Derivatives, load_forces, load_state
 from quadpend_gym import Simulation
@@ -30,9 +30,10 @@ def test_a_pole_with_inertia_moves_like_the_equivalent_point_mass(disturbance: n
     torque = np.array([2e-5, -3e-5, 1e-5])
     flight = rigid.start(simulation, state).after(np.array([0.1, *torque]), disturbance)
     model = equivalent_model(simulation)
-    p, acting = model.parameters, model.disturbance(disturbance[np.newaxis])
+    p = model.parameters
+    acting = np.concatenate(equivalent_forces(load_forces(disturbance[:, np.newaxis], 0, 0), model.numbers))
     command = np.array([[1.1 * p.hover_thrust, *torque]])
-    advance(design, command, acting, p.as_array()[np.newaxis], 0.3, 30)
+    advance(design, command, acting[np.newaxis], p.as_array()[np.newaxis], 0.3, 30)
     assert_allclose(flight.state, design, atol=2e-5)
 
 

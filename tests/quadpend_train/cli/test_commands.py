@@ -1,6 +1,5 @@
-"""The command line: overview, lists, cards, errors in one sentence, and paths checked before work."""
+"""The command line: overview, lists, errors in one sentence, and paths checked before work."""
 
-import json
 import os
 import re
 import subprocess
@@ -75,7 +74,7 @@ def test_the_overview_imports_no_library() -> None:
             ["preflight", "lqg", "--scenario", "flight-motion"],
             "a data sheet is of one scenario: choose one of flight_circle",
         ),
-        (["card", "ppo-alone"], "there is no policy 'ppo-alone' (did you mean 'ppo-alone-0'?)"),
+        (["export", "ppo-alone"], "there is no policy 'ppo-alone' (did you mean 'ppo-alone-0'?)"),
     ],
     ids=lambda item: " ".join(item) if isinstance(item, list) else "",
 )
@@ -113,7 +112,7 @@ def test_a_closed_pipe_ends_a_command_quietly() -> None:
 
 def test_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
-        main(["card", "nix", "--traceback"])
+        main(["export", "nix", "--traceback"])
     printed = capsys.readouterr().err
     assert printed.startswith("Traceback")
     assert "\nquadpend: there is no policy 'nix'" in printed
@@ -130,16 +129,6 @@ def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
     expected |= {"sensors": set(sensors.KINDS), "actuators": set(actuators.KINDS)}
     assert {name: listed[name] for name in expected} == expected
     assert listed["winds"] == {*wind.PRESETS, *wind.KINDS} - {"sum"}
-
-
-def test_card_describes_a_learned_policy(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["card", "ppo-alone-0"])
-    text = re.sub(r"\s+", " ", capsys.readouterr().out)
-    for part in ("hybrid: kind=estimate_only", "45 → 64 → 64 → 4, relu", "ppo.gamma=0.98"):
-        assert part in text
-    assert "n_eval_episodes" not in text  # this setting has its default value
-    main(["card", "ppo-alone-0", "--json"])
-    assert json.loads(capsys.readouterr().out) == MlpPolicy.load("ppo-alone-0").card
 
 
 def test_a_run_is_trained_resumed_and_compared_by_the_commands_that_are_printed(
@@ -174,7 +163,7 @@ def test_a_pipe_that_cannot_encode_a_character_gets_another_one() -> None:
     program = f"""if True:
         import subprocess, sys
         from quadpend_train.cli.main import main
-        for options in (["list"], ["card", "lqg"], ["train", "--help"]):
+        for options in (["list"], ["train", "--help"]):
             sys.argv = ["quadpend", *options]
             try:
                 main()

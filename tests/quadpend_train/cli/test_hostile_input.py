@@ -94,10 +94,7 @@ def test_an_existing_path_is_taken_as_it_is(capsys: pytest.CaptureFixture[str]) 
         "both": f"{paths[0]},{paths[3]}",
     }
     assert [len(load_policies(name)) for name in (*paths, ",".join(paths[2:]), "lqr,lqi")] == [1, 1, 1, 1, 2, 2]
-    main(["card", paths[2]])
     Path("a,b/g=1.json").write_text('{"gains": {"effort": 0.5}}')
-    main(["card", "lqr:a,b/g=1.json"])
-    assert "effort=0.5" in capsys.readouterr().out
     (tuned,) = load_policies(split_name("mine=lqr:a,b/g=1.json")[1])
     assert not np.array_equal(tuned.predict(0.01 * np.ones(36))[0], load_policy("lqr").predict(0.01 * np.ones(36))[0])
     Path("my@lab,a=b.toml").write_text('wind = "windy"\n')
