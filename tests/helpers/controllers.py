@@ -1,15 +1,13 @@
 """Helpers of the controllers' tests: exact trajectories, simulation with true states, and rotated worlds."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from quadpend_baselines import CONTROLLERS, controller
+from quadpend_baselines import controller
 from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.estimation.estimate import LOOP, Estimate
 from quadpend_baselines.gains import tuning
@@ -26,16 +24,6 @@ from quadpend_gym.vehicles import Pole, Vehicle
 CALM = np.zeros(DISTURBANCE_SIZE)
 HOVER = Reference.hover()
 Callback = Callable[[Estimate, Floats, Any], None]
-
-# The controllers that can be made here: nmpc needs CasADi.
-AVAILABLE_CONTROLLERS = tuple(name for name in CONTROLLERS if name != "nmpc" or find_spec("casadi"))
-
-
-def controller_parameters(names: Iterable[str] = CONTROLLERS) -> list[Any]:
-    """Return the names for `pytest.mark.parametrize`; a test of a controller that cannot be made is skipped."""
-    reason = "casadi is not installed: pip install 'quadpend-gym[mpc]'"
-    marks = {name: () if name in AVAILABLE_CONTROLLERS else pytest.mark.skip(reason=reason) for name in names}
-    return [pytest.param(name, marks=mark) for name, mark in marks.items()]
 
 
 def simulation_of(p: Parameters, torque: tuple[float, float] = (5.0, 1.0), **options: Any) -> Simulation:

@@ -2,9 +2,8 @@
 
 from typing import Any
 
-from quadpend_baselines import controller
+from quadpend_baselines import CONTROLLERS, controller
 from quadpend_gym import Simulation
-from tests.helpers.controllers import AVAILABLE_CONTROLLERS
 from tests.helpers.envs import make, make_vec
 from tests.helpers.wrappers import STACKS, make_wrapped, make_wrapped_vec
 
@@ -23,7 +22,7 @@ def compile_kernels() -> None:
         env.reset(seed=0)
         env.step(env.action_space.sample())
     observation = make().reset(seed=0)[0]
-    for policy in (*map(controller, AVAILABLE_CONTROLLERS), controller("flatness", RIGID)):
+    for policy in (*map(controller, CONTROLLERS), controller("flatness", RIGID)):
         policy.predict(observation)
 
 

@@ -18,9 +18,9 @@ from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.scenarios import Scenario, as_scenario
 from quadpend_gym.vehicles import hover_wrench
 from quadpend_train.evaluation.episodes import run_episodes
-from tests.helpers.controllers import controller_parameters, quick_controller, rotate_states, rotate_vectors
+from tests.helpers.controllers import quick_controller, rotate_states, rotate_vectors
 
-every_controller = pytest.mark.parametrize("name", controller_parameters())
+every_controller = pytest.mark.parametrize("name", CONTROLLERS)
 WITH_ESTIMATOR = [name for name in CONTROLLERS if getattr(law_of(name), "observer", "") == "kalman"]
 WIND = OrnsteinUhlenbeck(force=0.1, bob_force=0.01, torque=0.01)
 RIGID = ("wrench", "rotors", "body_rates")

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -16,16 +17,11 @@ from quadpend_baselines.gains import gains_for
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.quantities import Derivatives, Forces, VehicleState
 from quadpend_gym import Simulation
+from quadpend_gym.engines import lift, vector
 from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import State
 from quadpend_gym.physics.vectors import Vec3
 from tests.helpers.controllers import true_estimate
-
-pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-
-import casadi as ca
-
-from quadpend_gym.engines import lift, vector
 
 SIMULATIONS = {"paper": Simulation(), "hummingbird": Simulation(vehicle="hummingbird", interface="body_rates")}
 ROWS = 5

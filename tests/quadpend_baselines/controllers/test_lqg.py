@@ -3,14 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqg import Lqg, riccati
 from quadpend_baselines.gains import gains_for
+from quadpend_baselines.modelling.linear_loop import linear_policy, margins, vehicle_model
 from quadpend_baselines.modelling.linear_model import EULER, linearise_actions
+from quadpend_baselines.modelling.linear_reference import linear_reference, stationary_error
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import Simulation
 from quadpend_gym.physics.state import State
@@ -21,9 +22,6 @@ PAPER = Simulation()
 
 
 def test_the_model_of_the_design_is_that_of_the_loop() -> None:
-    pytest.importorskip("control", reason="control is not installed: pip install 'quadpend-gym[control]'")
-    from quadpend_baselines.modelling.linear_loop import vehicle_model
-
     scenario = replace(HOVER, latency=0.0)
     model, vehicle = linearise_actions(scenario.simulation), vehicle_model(scenario)
     assert_allclose(model.transition, vehicle.A, atol=1e-6)
@@ -33,10 +31,6 @@ def test_the_model_of_the_design_is_that_of_the_loop() -> None:
 
 def test_its_delay_margin_is_bounded_and_its_error_near_the_reference() -> None:
     """The margin is beyond the known latency; `flatness` has four times the reference."""
-    pytest.importorskip("control", reason="control is not installed: pip install 'quadpend-gym[control]'")
-    from quadpend_baselines.modelling.linear_loop import linear_policy, margins, vehicle_model
-    from quadpend_baselines.modelling.linear_reference import linear_reference, stationary_error
-
     policy = linear_policy(controller("lqg").adapt(HOVER), HOVER)
     assert margins(vehicle_model(HOVER), policy).delay > 0.015
     assert stationary_error(HOVER, policy) < 3.5 * linear_reference(HOVER)

@@ -21,8 +21,6 @@ from quadpend_gym.scenarios import Scenario
 from tests.helpers.controllers import CALM, HOVER, flat_state_and_command, run_law, tilted_pendulum
 from tests.helpers.physics import simulate_period
 
-pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-
 FEEDBACK = LqrGains(0.4, 1.3, 1.6, 3.5)
 SMALL = NmpcGains(FEEDBACK, periods=8, period=0.04, iterations=1)
 

@@ -2,25 +2,21 @@
 
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 
 from quadpend_baselines import controller
+from quadpend_baselines.gains import tuning
+from quadpend_baselines.modelling.linear_loop import close_loop, linear_policy, margins, vehicle_model
 from quadpend_baselines.registry import controller_of
 from quadpend_gym import Reference
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.task import Task
-from tests.helpers.envs import AT_REST, NO_LIMITS
-
-pytest.importorskip("control", reason="control is not installed: pip install 'quadpend-gym[control]'")
-
-import control
-
-from quadpend_baselines.gains import tuning
-from quadpend_baselines.modelling.linear_loop import close_loop, linear_policy, margins, vehicle_model
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS
+from quadpend_gym.tasks.task import Task
 from quadpend_train.evaluation.linear_models import loop_margins
 from quadpend_train.policies.conversion import as_policy
+from tests.helpers.envs import AT_REST, NO_LIMITS
 
 
 def test_margins_of_a_double_integrator() -> None:

@@ -6,16 +6,6 @@ import numpy as np
 import pytest
 
 from quadpend_baselines import controller
-from quadpend_gym.scenarios import Scenario, find_scenario
-from quadpend_gym.sensors import Delay, Noise
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
-from quadpend_gym.tasks.task import TASKS
-from quadpend_gym.vehicles import VEHICLES
-from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
-
-pytest.importorskip("control", reason="control is not installed: pip install 'quadpend-gym[control]'")
-pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-
 from quadpend_baselines.modelling.linear_loop import linear_policy
 from quadpend_baselines.modelling.linear_reference import (
     linear_problem,
@@ -23,6 +13,12 @@ from quadpend_baselines.modelling.linear_reference import (
     optimal_policy,
     stationary_error,
 )
+from quadpend_gym.scenarios import Scenario, find_scenario
+from quadpend_gym.sensors import Delay, Noise
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
+from quadpend_gym.tasks.task import TASKS
+from quadpend_gym.vehicles import VEHICLES
+from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
 
 HOVER = Scenario(
     task=TASKS["hover"],

@@ -1,21 +1,20 @@
 """Optimal flights: their step is that of the environment, they respect all limits, and they can be flown."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_gym import QuadPendulumVectorEnv, Simulation
-from quadpend_gym.envs.outcome import TRACKING_ERROR
-from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
-
-ca = pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-from quadpend_baselines.planning.transcription import (  # noqa: E402
+from quadpend_baselines.planning.transcription import (
     Flight,
     KnownEpisode,
     Plant,
     Transcription,
     tracked_point,
 )
+from quadpend_gym import QuadPendulumVectorEnv, Simulation
+from quadpend_gym.envs.outcome import TRACKING_ERROR
+from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
 
 STEPS = 25
 PLANT = Plant(Simulation(latency=0.015), moves_air=True)

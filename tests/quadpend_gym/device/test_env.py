@@ -10,18 +10,15 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.device.env import Motion, QuadPendulumDeviceEnv
+from quadpend_gym.device.library import compile_cuda
+from quadpend_gym.engines.functions import step_function
 from quadpend_gym.scenarios.library import SETS, as_scenario
 from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
-
-torch = pytest.importorskip("torch", reason="torch is not installed: pip install torch")
-pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-
-from quadpend_gym.device.env import Motion, QuadPendulumDeviceEnv  # noqa: E402
-from quadpend_gym.device.library import compile_cuda  # noqa: E402
-from quadpend_gym.engines.functions import step_function  # noqa: E402
-from tests.quadpend_gym.engines.test_functions import call  # noqa: E402
+from tests.quadpend_gym.engines.test_functions import call
 
 LIMIT = 61  # control steps of an episode
 SCENARIOS = ["windy", "flight_training_late"]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadpend_gym import Simulation
+from quadpend_gym import Simulation, engines
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs import outcome as places
@@ -18,10 +18,6 @@ from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles.parameters import BOB_MASS, ROD_LENGTH
 from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
-
-pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-
-from quadpend_gym import engines
 
 ROWS = 1000
 TASK = TASKS["track"]

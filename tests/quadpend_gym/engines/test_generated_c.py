@@ -2,15 +2,12 @@
 
 from pathlib import Path
 
+import casadi
 import numpy as np
 import pytest
 
-from quadpend_gym import Simulation
+from quadpend_gym import Simulation, engines
 from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
-
-casadi = pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-
-from quadpend_gym import engines  # noqa: E402
 
 ROWS = 20
 

@@ -4,9 +4,6 @@ from dataclasses import replace
 
 import pytest
 
-pytest.importorskip("control", reason="control is not installed: pip install 'quadpend-gym[control]'")
-pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-
 from quadpend_baselines.modelling.linear_reference import linear_reference
 from quadpend_gym.scenarios import SCENARIOS, SETS
 from quadpend_train.evaluation.linear_models import reference, references

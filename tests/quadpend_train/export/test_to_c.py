@@ -9,22 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.deploy import check
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_train import run_episodes
 from quadpend_train.cli.main import main
+from quadpend_train.export.to_c import export_c, scenario_for
 from quadpend_train.policies.compiled import SAMPLE_SIZE, CPolicy
 from quadpend_train.policies.loading import load_policy
 from tests.helpers.policies import RESIDUAL_ACTION, mlp_policy
 
-pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-if which("cc") is None:
-    pytest.skip("there is no C compiler", allow_module_level=True)
-
-from experiments.deploy import check
-from quadpend_train.export.to_c import export_c, scenario_for
-
+pytestmark = pytest.mark.skipif(which("cc") is None, reason="there is no C compiler")
 SANITIZERS = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 DOUBLE, NO_LIBM = "-DQUADPEND_DOUBLE", "-DQUADPEND_NO_LIBM"
 

@@ -4,6 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import onnxruntime
 import pytest
 
 from quadpend_train.export.to_onnx import export_onnx
@@ -26,11 +27,9 @@ def network() -> MlpPolicy:
 
 @pytest.mark.parametrize("name", ["ppo-swing-up-0", ""])
 def test_a_session_returns_the_actions_of_the_policy(name: str, tmp_path: Path) -> None:
-    pytest.importorskip("onnx", reason="onnx is not installed: pip install 'quadpend-gym[onnx]'")
-    runtime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
     policy, path = load_policy(name) if name else network(), tmp_path / "policy.onnx"
     export_onnx(policy, path)
-    session = runtime.InferenceSession(path)
+    session = onnxruntime.InferenceSession(path)
     again = FunctionPolicy(lambda seen: session.run(None, {"observation": seen})[0])
     observation = np.random.default_rng(0).normal(size=(5, 36)).astype(np.float32)
     np.testing.assert_allclose(again.predict(observation)[0], policy.predict(observation)[0], atol=1e-5)

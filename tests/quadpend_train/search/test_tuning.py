@@ -32,7 +32,6 @@ def test_the_gains_are_within_the_ranges_of_the_search(name: str, vehicle: str) 
 
 
 def test_gains_with_too_small_a_delay_margin_do_not_fly(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("control")
     search = tuning.Search("lqg", ("flight_training_wind",), 1)
     monkeypatch.setattr(tuning, "fly", None)
     walks = {"estimator.force_walk": 1.12, "estimator.bob_force_walk": 7.4e-5, "estimator.torque_noise": 0.0014}
