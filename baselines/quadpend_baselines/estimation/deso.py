@@ -42,6 +42,7 @@ from quadpend_baselines.estimation.chains import (
     LUENBERGER,
     NEXT,
     OBSERVERS_SIZE,
+    RATE,
     VALUE,
     YAW,
     AdrcMeasurement,
@@ -54,6 +55,7 @@ from quadpend_baselines.estimation.chains import (
 from quadpend_baselines.estimation.estimate import (
     AGE,
     ANCHOR,
+    HELD,
     LOOP,
     MASS_RATIO,
     PLACE,
@@ -67,6 +69,7 @@ from quadpend_baselines.estimation.estimate import (
     law_inputs,
     moved,
     near_angle,
+    project_direction,
     store_attitude,
     store_measured_reference,
 )
@@ -113,6 +116,7 @@ _MAX_ESTIMATE = 1e15  # an observer whose states exceed it starts again
 _MAX_RATE = 100.0  # rad/s, limit of estimated rates
 _MAX_STATE = 1e3  # a predicted state beyond it is not used
 WIDTH = 3.0  # see `samples.judge`: a sample is expected where the one before was, since rates can be far off
+_FASTEST = 10.0  # m/s, speed above which the rates of an estimate that begins anew are wrong as well
 _LEAST_JUMP = 1e-3  # m and rad, of the reference
 _MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
 
@@ -366,6 +370,8 @@ def correct(
     chains[HEIGHT, lane] -= jumps * _jumped(jump.z)
     chains[YAW, lane] = near_angle(chains[YAW, lane] - jumps * _jumped(turn), m.yaw_error)
     update_observers(chains, lane, start, end, observer_outputs(m, model), bank, numbers.period)
+    memory[AGE, lane] += 1.0
+    memory[HELD, lane] *= missing
     is_valid = is_bounded(chains, lane, 4 * bank.shape[0], _MAX_ESTIMATE)
     if sensor_delay > 0:  # a delayed sensor repeats its first sample
         is_valid = is_valid and memory[AGE, lane] > sensor_delay
@@ -376,6 +382,31 @@ def correct(
         rate = _corrected_rate(s, predicted, numbers.rate_share)
         s = VehicleState(s.position, s.velocity, s.euler, rate, s.direction, s.direction_rate)
     _store(memory, lane, s, numbers.mismatch, model, rigid)
+
+
+@inlined
+def begin_anew(
+    memory: Any, lane: int, seen: Any, mismatch: float, model: Pendulum, rigid: RigidSettings | None
+) -> None:
+    """Replace positions and angles of an estimate in place, which went on without a sample, by those of the sample.
+
+    Rates and disturbances stay, unless the vehicle would be faster than `_FASTEST`.
+    """
+    chains, (s, _, _) = memory[memory.shape[0] - BEHIND :], law_inputs(memory.T, lane)
+    kept = select(dot(s.velocity, s.velocity) < _FASTEST * _FASTEST, 1.0, 0.0)
+    measured, reference, m = _measured(memory, lane, seen, 0.0, model, rigid)
+    rates = scale(kept, s.velocity), scale(kept, s.euler_rate), scale(kept, s.direction_rate)
+    r = measured
+    state = project_direction(VehicleState(r.position, rates[0], r.euler, rates[1], r.direction, rates[2]))
+    for i in range(OBSERVERS_SIZE):
+        stays = (i > FORCE and i % 4 > 0) or (i > HORIZONTAL and i % 4 > RATE)
+        chains[i, lane] = kept * chains[i, lane] if stays else 0.0
+    chains_of_state(state, reference, m, model, rigid, 1.0, chains, lane)
+    outputs = observer_outputs(m, model)
+    for i in range(len(outputs)):
+        chains[4 * i, lane] = outputs[i]
+    chains[HEIGHT + DISTURBANCE, lane] -= (1.0 - kept) * model.physics.gravity
+    _store(memory, lane, state, mismatch, model, rigid)
 
 
 @compiled
@@ -398,11 +429,10 @@ def _observe(
             begin(memory, row, lanes, has_rates, numbers.mismatch, model, rigid)
         else:
             verdict = judge(memory, before.T, row, lanes, numbers.period, doubts, WIDTH)
+            known = max(verdict.missing, verdict.begins), doubts, plant.sensor_delay
+            correct(memory, row, before.T, lanes, has_rates, known, bank, numbers, model, rigid)
             if verdict.begins > 0.0:
-                begin(memory, row, lanes, has_rates, numbers.mismatch, model, rigid)
-            else:
-                known = verdict.missing, doubts, plant.sensor_delay
-                correct(memory, row, before.T, lanes, has_rates, known, bank, numbers, model, rigid)
+                begin_anew(memory, row, lanes, numbers.mismatch, model, rigid)
 
 
 @inlined

@@ -41,6 +41,7 @@ from quadpend_baselines.estimation.estimate import (
     LOOP,
     MASS_RATIO,
     PLACE,
+    POLE,
     REFERENCE,
     RIGID_PART,
     STATE,
@@ -56,7 +57,7 @@ from quadpend_baselines.estimation.estimate import (
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.measurement import observed_rows
 from quadpend_baselines.estimation.prediction import BUFFER_SIZE, Prediction, unpack_loop
-from quadpend_baselines.estimation.samples import COASTS, gain_row, judge, remember
+from quadpend_baselines.estimation.samples import COASTS, full_share, gain_row, judge, remember
 from quadpend_baselines.gains import EstimatorGains
 from quadpend_baselines.modelling import linear_model
 from quadpend_baselines.modelling.equivalent import Pendulum, follow
@@ -69,6 +70,7 @@ from quadpend_baselines.modelling.linear_model import (
 )
 from quadpend_baselines.modelling.quantities import (
     Forces,
+    VehicleState,
     calm,
     combine,
     load_forces,
@@ -85,7 +87,7 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import STATE_SIZE
-from quadpend_gym.physics.vectors import Vec3, load, store, store_four
+from quadpend_gym.physics.vectors import Vec3, load, scale, store, store_four
 
 _VARYING_STEPS = 100  # corrections after which the gain is constant
 MAX_ESTIMATE = 300.0  # SI units, limit of disturbance estimates; a larger state estimate restarts the observer
@@ -139,11 +141,21 @@ def _corrected(gain: Any, row: int, first: int, x: Any) -> float:
 
 
 @inlined
+def _limited(e: VehicleState, t: float, doubts: float) -> VehicleState:
+    """Return an innovation with what counts of its position, angles and direction, a time t (s) after the last one."""
+    position, euler = scale(full_share(0, e.position, t, doubts), e.position), full_share(1, e.euler, t, doubts)
+    direction = scale(full_share(2, e.direction, t, doubts), e.direction)
+    return VehicleState(position, e.velocity, scale(euler, e.euler), e.euler_rate, direction, e.direction_rate)
+
+
+@inlined
 def correct(
     memory: Any,
     lane: int,
     seen: Any,
     has_rates: bool,
+    doubts: float,
+    period: float,
     gain: Any,
     mass_share: float,
     p: Parameters,
@@ -152,13 +164,16 @@ def correct(
 ) -> None:
     """Correct a predicted estimate in place by equations (2) and (3).
 
-    The lanes `seen` have the measurement. The gain L has the shape (24, 16), or (24, 32) with L_gust − L_calm of
-    equation (4) behind L_calm. The buffer has at least the shape (24, 1); `mass_share` is ε of equation (3).
+    The lanes `seen` have the measurement; `doubts` and the control period are those of `samples.judge`. The gain L has
+    the shape (24, 16), or (24, 32) with L_gust − L_calm of equation (4) behind L_calm. The buffer has at least the
+    shape (24, 1); `mass_share` is ε of equation (3).
     """
     predicted = load_state(memory, STATE, lane)
     measured = turned_to(measured_state(memory, lane, seen), predicted)
     innovation = combine(-1.0, predicted, measured if has_rates else with_rates(measured, predicted))
     store_vectors(memory, INNOVATION, lane, innovation)
+    innovation = _limited(innovation, period * (memory[HELD, lane] + 1.0), doubts)
+    memory[HELD, lane] = 0.0
     sine, cosine = sincos(predicted.euler.z)
     x, d = model_state(innovation, -sine, cosine), load_forces(memory, DISTURBANCE, lane)
     for i in range(gain.shape[0]):
@@ -175,9 +190,10 @@ def correct(
     if rigid is not None:  # a vector of the world frame
         torque = turn3(torque, sine, cosine)
     force_z, ratio = _bounded(d.force.z + force.z), memory[MASS_RATIO, lane]
-    weight = (p.quadrotor_mass + p.bob_mass) * p.gravity
+    weight = (p.quadrotor_mass + p.bob_mass + memory[POLE + 1, lane]) * p.gravity  # believed
     memory[MASS_RATIO, lane] = min(max(ratio - mass_share * force_z / weight, _LEAST_MASS), _GREATEST_MASS)
     force_z += (memory[MASS_RATIO, lane] - ratio) * weight
+    memory[AGE, lane] += 1.0
     forces = Forces(
         Vec3(_bounded(d.force.x + force.x), _bounded(d.force.y + force.y), force_z),
         Vec3(_bounded(d.bob_force.x + bob_force.x), _bounded(d.bob_force.y + bob_force.y), d.bob_force.z),
@@ -222,24 +238,26 @@ def _observe(
     loop, memory, buffer = unpack_loop(packed), out.T, np.empty((BUFFER_SIZE, 1))
     lanes, has_rates, doubts = seen[0].T, seen[1], seen[2]
     rigid, model = None if packed_rigid is None else unpack_rigid(packed_rigid), loop.plant.pendulum
+    period = loop.parts[0, 0]
     for row in range(out.shape[0]):
         if started[row]:
             for i in range(out.shape[1]):
                 out[row, i] = 0.0
             begin(memory, row, lanes, has_rates, model, rigid)
+        elif out[row, AGE] < loop.plant.sensor_delay:  # a delayed sensor repeats its first sample
+            out[row, AGE] += 1.0
+            begin(memory, row, lanes, has_rates, model, rigid)
         else:
             gain = table[gain_row(out[row, AGE], out[row, HELD], table.shape[0])]
-            verdict = judge(memory, memory, row, lanes, loop.parts[0, 0], doubts, 1.0)
+            verdict = judge(memory, memory, row, lanes, period, doubts, 1.0)
             if verdict.missing > 0.0:
                 miss(memory, row, lanes)
             elif verdict.begins > 0.0:
                 begin_anew(memory, row, lanes, rigid)
             else:
-                correct(memory, row, lanes, has_rates, gain, mass_share, model.vehicle, rigid, buffer)
-            is_valid = is_bounded(memory, row, STATE_SIZE, MAX_ESTIMATE)
-            # A delayed sensor repeats its first sample.
-            if not (is_valid and out[row, AGE] > loop.plant.sensor_delay):
-                out[row, AGE] = out[row, AGE] if is_valid else 0.0
+                correct(memory, row, lanes, has_rates, doubts, period, gain, mass_share, model.vehicle, rigid, buffer)
+            if not is_bounded(memory, row, STATE_SIZE, MAX_ESTIMATE):
+                out[row, AGE] = 0.0
                 begin(memory, row, lanes, has_rates, model, rigid)
         measured = measured_state(memory, row, lanes)
         if has_rates and measured.direction.z < LEAST_HEIGHT:  # L_x is that of an upright pendulum

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines.estimation.estimate import (
-    AGE,
     DISTURBANCE,
     DRAG,
     LOOP,
@@ -163,7 +162,6 @@ def advance(
         memory[i, lane] = buffer[i, 0]
     move_reference(memory, lane, period)
     rebase(memory, lane, plant.moves)
-    memory[AGE, lane] += 1.0
 
 
 @inlined

@@ -9,10 +9,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
-from quadpend_baselines.estimation.estimate import ANCHOR, HELD
-from quadpend_baselines.estimation.samples import MOST_REFUSED
+from quadpend_baselines.estimation.estimate import AGE, ANCHOR, HELD, LOOP
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.samples import COASTS, MOST_REFUSED, gain_row
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import SCENARIOS, Scenario
+from quadpend_gym.sensors import SampleHold
 from quadpend_gym.tasks.observation import LAB
 
 ROWS = 3
@@ -133,6 +135,76 @@ def test_the_estimate_begins_anew_where_the_samples_stay(name: str) -> None:
     assert_allclose(found, seen[-1][:, LAB.columns["position"]], atol=1e-6)
     assert np.abs(memory.estimate.state[:, 3:6]).max() < 0.3
     assert np.abs(memory.estimate.disturbance).max() < 0.5
+
+
+@every_controller
+def test_an_estimate_that_begins_anew_keeps_rates_forces_and_the_actions_under_way(name: str) -> None:
+    """They are those of an observer whose samples were lost where these jumped."""
+    policy, _, actions, seen = flight(name, 61 + MOST_REFUSED, scenario=HOVER)
+    arrays = []
+    for change in (partial(lose, 60, 1000), partial(outliers, 60, 1000)):
+        given = seen.copy()
+        for step in range(60, len(given)):
+            change(step, given[step], [])
+        arrays.append(estimates(policy, given, actions).estimate.array)
+    lost, anew = arrays
+    rates, forces, under_way = [*range(3, 6), *range(9, 12), 15, 16], slice(18, 27), slice(LOOP, LOOP + 8)
+    assert_allclose(anew[:, rates], lost[:, rates], atol=1e-3)
+    assert_allclose(anew[:, forces], lost[:, forces], atol=1e-9)
+    assert_array_equal(anew[:, under_way], lost[:, under_way])
+    assert (np.abs(anew[:, under_way]).max(axis=1) > 0.0).all()
+
+
+def test_the_gains_of_the_start_are_used_for_the_first_corrections_of_a_slow_sensor() -> None:
+    """A sensor at 50 Hz takes as many corrections as one at 100 Hz, not as many periods."""
+    slow = replace(HOVER, sensors=(*HOVER.sensors, SampleHold(0.02)))
+    for scenario, corrections in ((HOVER, 20), (slow, 10)):
+        _, memory, _, _ = flight("lqg", 21, scenario=scenario)
+        assert_array_equal(memory.estimate.array[:, AGE], corrections)
+    assert [gain_row(age, 1.0, 100 + COASTS) for age in (0.0, 9.0, 50.0, 500.0)] == [0, 9, 100, 100]
+    assert [gain_row(age, 0.0, 100 + COASTS) for age in (0.0, 50.0, 500.0)] == [0, 50, 99]
+
+
+def test_the_weight_of_a_pole_that_is_told_moves_between_force_and_mass() -> None:
+    """Their sum in a correction, d̂_z − μ̂ (M + m) g with the believed m, does not depend on how fast it moves."""
+    _, _, actions, seen = flight("lqg", 21, scenario=HOVER)
+    seen[..., LAB.columns["pole"]] *= np.float32([1.0, 1.5])
+    seen[20, :, LAB.columns["position"]] -= np.float32([0.0, 0.0, 0.01])
+    p, memory, totals = HOVER.simulation.parameters, None, []
+    for mass_time in (1.0, 1e-3):
+        made: Any = controller("lqg", changes={"estimator.mass_time": mass_time})
+        policy = made.designed_for(HOVER.simulation, Loop.known(HOVER))
+        memory = memory or estimates(policy, seen[:20], actions)
+        found = policy.update(seen[20], memory, None).estimate
+        weight = (p.quadrotor_mass + 1.5 * p.bob_mass) * p.gravity
+        totals.append(found.disturbance[:, 2] - found.mass_ratio[:, 0] * weight)
+    assert_allclose(*totals, atol=1e-9)
+
+
+def turn(step: int, given: Floats32, seen: list[Floats32]) -> None:
+    """Turn the measured attitude by half a turn in one step."""
+    if step == 60:
+        w, x, y, z = (LAB.columns["quaternion"].start + i for i in range(4))
+        given[:, [w, x, y, z]] = given[:, [x, w, z, y]] * np.float32([-1.0, 1.0, -1.0, 1.0])
+
+
+def mirror(step: int, given: Floats32, seen: list[Floats32]) -> None:
+    """Swap both ends of the pole in one step."""
+    if step == 60:
+        given[:, LAB.columns["direction"]] *= -1.0
+
+
+def shift(step: int, given: Floats32, seen: list[Floats32]) -> None:
+    """Move the measured position by 5 cm in one step."""
+    if step == 60:
+        given[:, LAB.columns["position"]] += np.float32([0.03, 0.04, 0.0])
+
+
+@pytest.mark.parametrize("change", [turn, mirror, shift])
+def test_one_wrong_attitude_pole_or_position_moves_the_vehicle_by_less_than_a_centimetre(change: Any) -> None:
+    good, bad = flight("lqg", 90, scenario=HOVER), flight("lqg", 90, change, HOVER)
+    position = LAB.columns["position"]
+    assert np.abs(bad[3][61:, :, position] - good[3][61:, :, position]).max() < 0.01
 
 
 def test_a_simulation_at_rest_is_not_blind() -> None:

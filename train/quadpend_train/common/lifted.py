@@ -134,7 +134,8 @@ def correction(estimator: Estimator, layout: ObservationLayout) -> Any:
         given, after, buffer = np.zeros(used.shape, object), columns(memory), np.empty((len(used), 1), object)
         given[used] = ca.vertsplit(gain)
         seen, share = measurement(observed, layout, vehicle), estimator.numbers[0]
-        lift(kalman.correct)(after, 0, seen, layout == FULL, given, share, vehicle, rigid, buffer)
+        known = layout == FULL, float(layout == LAB), estimator.simulation.period
+        lift(kalman.correct)(after, 0, seen, *known, given, share, vehicle, rigid, buffer)
         return {"next": vector(after)}
 
     sizes = {"memory": estimator.size, "observed": layout.size, "gain": int(used.sum())}

@@ -97,10 +97,14 @@ static void act(@name@_policy *policy) {
     for (int i = 0; i < 4; ++i) action[i] = 0;
     for (int i = 0; i < EXTRA; ++i) policy->extra[i] = 0;
     policy->running = 1;
-    policy->age = 0;
   } else {
 #if KALMAN
-    int held = (int)(memory[HELD] + R(0.5)), row = held > COASTS ? FIRST_COAST + COASTS - 1 : FIRST_COAST + held - 1;
+    int held = (int)(memory[HELD] + R(0.5)), row = (int)(memory[AGE] + R(0.5)); /* as `gain_row` of the package */
+    if (held > 0 && row >= EARLY) {
+      row = held > COASTS ? FIRST_COAST + COASTS - 1 : FIRST_COAST + held - 1;
+    } else if (row >= FIRST_COAST) {
+      row = FIRST_COAST - 1;
+    }
     real verdict[2];
     predict(memory, action, 0, 1);
     judge(memory, memory, seen_now, next, verdict);
@@ -110,19 +114,18 @@ static void act(@name@_policy *policy) {
     } else if (verdict[1] > 0) {
       begin_anew(memory, seen_now, next);
     } else {
-      correct(memory, seen_now, gains[gain_rows[held > 0 ? row : policy->age]], next);
+      correct(memory, seen_now, gains[gain_rows[row]], next);
     }
-    if (policy->age < FIRST_COAST - 1) ++policy->age;
 #elif ADRC
     real plant[MEMORY], verdict[2];
     release(memory, plant);
     predict(plant, action, 0, 1);
     judge(plant, memory, seen_now, next, verdict);
     copy(MEMORY, next, plant);
+    correct(memory, plant, seen_now, verdict, next);
     if (verdict[1] > 0) {
-      begin(seen_now, next);
-    } else {
-      correct(memory, plant, seen_now, verdict, next);
+      copy(MEMORY, next, memory);
+      begin_anew(memory, seen_now, next);
     }
 #else
     correct(memory, seen_now, next);

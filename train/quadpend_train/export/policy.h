@@ -54,7 +54,7 @@ typedef struct {
   @name@_measurement sample; /* the latest one */
   @name@_reference target;   /* the latest one */
   @name@_real memory[@memory@], extra[@extra@], action[4], output[4];
-  int running, age;
+  int running;
 } @name@_policy;
 
 void @name@_reset(@name@_policy *policy);

@@ -167,10 +167,17 @@ def _deso(found: DesoBank) -> Program:
     def correct(memory: Any, plant: Any, observed: Any, verdict: Any) -> dict[str, Any]:
         after, kernel = columns(plant), lift(deso.correct, {is_bounded: lambda *_: True})
         seen = measurement(observed, LAB, vehicle)
-        kernel(after, 0, columns(memory), seen, False, (verdict[0], 1.0, 0), bank, found.bank, model, rigid)
+        known = ca.fmax(verdict[0], verdict[1]), 1.0, 0
+        kernel(after, 0, columns(memory), seen, False, known, bank, found.bank, model, rigid)
+        return {"next": vector(after)}
+
+    def begin_anew(memory: Any, observed: Any) -> dict[str, Any]:
+        after = columns(memory)
+        lift(deso.begin_anew)(after, 0, measurement(observed, LAB, vehicle), found.bank.mismatch, model, rigid)
         return {"next": vector(after)}
 
     functions["begin"] = function("begin", begin, observed=LAB.size)
+    functions["begin_anew"] = function("begin_anew", begin_anew, memory=size, observed=LAB.size)
     functions["release"] = function("release", release, memory=size)
     functions["judge"] = _judge(size, vehicle, found.simulation.period, deso.WIDTH)
     functions["correct"] = function("correct", correct, memory=size, plant=size, observed=LAB.size, verdict=2)

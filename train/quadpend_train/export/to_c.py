@@ -14,10 +14,10 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_baselines.estimation.estimate import HELD
+from quadpend_baselines.estimation.estimate import AGE, HELD
 from quadpend_baselines.estimation.feeding import FedErrors
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.estimation.samples import COASTS
+from quadpend_baselines.estimation.samples import COASTS, EARLY
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
@@ -215,7 +215,8 @@ def _gain_tables(observer: Estimator, gain_steps: Sequence[int]) -> str:
     used_rows = np.searchsorted(gain_steps, _gain_rows(len(every), gain_steps))
     table = every[:, every.any(axis=0)][list(gain_steps)]
     return (
-        f"#define HELD {HELD}\n#define COASTS {COASTS}\n#define FIRST_COAST {len(every) - COASTS}\n"
+        f"#define AGE {AGE}\n#define HELD {HELD}\n#define EARLY {EARLY}\n"
+        f"#define COASTS {COASTS}\n#define FIRST_COAST {len(every) - COASTS}\n"
         f"static const unsigned char gain_rows[{len(used_rows)}] = {{\n{_lines(map(str, used_rows))}}};\n"
         f"static const real gains[{len(table)}][{table[0].size}] = {{\n"
         + ",\n".join(f"{{{_numbers(gain.ravel())}}}" for gain in table)
