@@ -14,7 +14,7 @@ from experiments.pages import CACHE, DOCS, fill, made_by, options
 from quadpend_baselines import Policy
 from quadpend_gym.scenarios import SCENARIOS
 from quadpend_train.common.executors import run
-from quadpend_train.evaluation.envelope import BASE, EPISODES, Event, events, extra_delay, limit, limit_text
+from quadpend_train.evaluation.envelope import BASE, EPISODES, Event, events, limit
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.jobs import Job, run_job
 from quadpend_train.evaluation.statistics import proportion
@@ -27,7 +27,7 @@ SHARES = 0.9, 1.3
 def check(policies: Sequence[Policy], event: Event, episodes: int, seed: int) -> list[str]:
     """Return the limit, and the survival in later episodes at shares of it; a dash where there is no such strength."""
     found = limit(policies, event, EPISODES, seed, CACHE)
-    strengths, texts = np.array(event.strengths), [f"{limit_text(found, event)} {event.unit}"]
+    strengths, texts = np.array(event.strengths), [f"{found} {event.unit}"]
     for share in SHARES:
         strength = float(strengths[np.abs(strengths - share * found.value).argmin()])
         text = "–"
@@ -44,7 +44,7 @@ def main() -> None:
     for vehicle in VEHICLES:
         base = SCENARIOS[BASE].with_vehicle(vehicle)
         for policy in POLICIES:
-            for name, event in {**events(base), "extra delay": extra_delay(base)}.items():
+            for name, event in events(base).items():
                 calls[vehicle, policy, name] = partial(check, load_policies(policy), event, given.episodes, given.seed)
     found = run(calls, given.jobs, what="limit")
     headings = ["vehicle", "policy", "event", "limit", *(f"survival at {share:g} of it (%)" for share in SHARES)]

@@ -20,21 +20,20 @@ from quadpend_gym.scenarios import SCENARIOS
 from quadpend_train.common.executors import run
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, compare
-from quadpend_train.evaluation.envelope import BASE, EPISODES, envelope, events, extra_delay, limit, limit_text
-from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
+from quadpend_train.evaluation.envelope import BASE, DELAY, EPISODES, Limit, envelope, events, limit
+from quadpend_train.evaluation.formatting import format_number, markdown_table
 from quadpend_train.evaluation.linear_models import reference
 from quadpend_train.evaluation.metrics import cells
 from quadpend_train.evaluation.ranking import gentle, multiple, survivors
-from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, tables
 
 POLICIES = "lqg", "dual-mode", "flatness", "lqi", "adrc-matched", "adrc-paper", "apg-flight"
 MARKERS = "os^vDP*X<>ph"
-FOLDER, DELAY, ROWS = DOCS / "flight", "extra delay", 10  # rows of the table in the README
-EVENTS = {**events(SCENARIOS[BASE]), DELAY: extra_delay(SCENARIOS[BASE])}
+FOLDER, ROWS = DOCS / "flight", 10  # rows of the table in the README
+EVENTS = events(SCENARIOS[BASE])
 SHORT = "rank", "policy", "survival bound (%)", "error (multiple of the reference)", "envelope", f"{DELAY} (ms)"
 
-Limits = Mapping[str, Mapping[str, Interval]]  # by the names of policies and of events
+Limits = Mapping[str, Mapping[str, Limit]]  # by the names of policies and of events
 
 
 def find_limits(found: Comparison, episodes: int, seed: int, jobs: int) -> Limits:
@@ -48,10 +47,9 @@ def find_limits(found: Comparison, episodes: int, seed: int, jobs: int) -> Limit
     return {policy: {name: limits[policy, name] for name in EVENTS} for policy in found.policies}
 
 
-def envelopes(limits: Limits) -> dict[str, Interval]:
+def envelopes(limits: Limits) -> dict[str, Limit]:
     """Return the envelope of each policy."""
-    among = {name: event for name, event in EVENTS.items() if name != DELAY}
-    return {policy: envelope(each, among) for policy, each in limits.items()}
+    return {policy: envelope(each, EVENTS) for policy, each in limits.items()}
 
 
 def full_ranking(found: Comparison, limits: Limits) -> list[list[str]]:
@@ -64,8 +62,8 @@ def full_ranking(found: Comparison, limits: Limits) -> list[list[str]]:
         margins = [found.margins.get((scenario, policy)) for scenario in found.scenarios]
         margin = min((1000.0 * each.delay for each in margins if each), default=np.nan)
         call = 1e6 * call_time(found.learners[policy][0], first)
-        numbers = limit_text(limits[policy][DELAY], EVENTS[DELAY]), format_number(margin), format_number(call)
-        table.append([*row, format_interval(wide[policy]), *numbers])
+        numbers = str(limits[policy][DELAY]), format_number(margin), format_number(call)
+        table.append([*row, str(wide[policy]), *numbers])
     return table
 
 
@@ -113,7 +111,7 @@ def limit_table(limits: Limits) -> str:
     """Return the limits in Markdown, a line for each event."""
     rows = []
     for name, event in EVENTS.items():
-        texts = [limit_text(each[name], event) for each in limits.values()]
+        texts = (str(each[name]) for each in limits.values())
         rows.append([f"{name} ({event.unit})", format_number(event.everyday), *texts])
     return markdown_table(["event", "everyday", *limits], rows)
 
@@ -138,13 +136,16 @@ def origins(found: Comparison) -> str:
     return markdown_table(headings, rows)
 
 
-def front_figure(found: Comparison, wide: Mapping[str, Interval]) -> Any:
-    """Return the figure of precision against envelope; the symbols of policies without a rank are empty."""
+def front_figure(found: Comparison, wide: Mapping[str, Limit]) -> Any:
+    """Return the figure of precision against envelope; the symbols of policies without a rank are empty.
+
+    Bars are the intervals of the error and the brackets of the envelope.
+    """
     figure = figures.new_figure(7.5, 4.4)
     ((axis,),) = figures.add_axes(figure, 1, 1)
     for row in sorted(found.ranking, key=lambda row: found.policies.index(row.policy)):
         i, x, y = found.policies.index(row.policy), wide[row.policy], row.multiple
-        bars = {f"{name}err": np.abs([[end - each.value] for end in each[1:]]) for name, each in (("x", x), ("y", y))}
+        bars = {f"{name}err": np.abs([[end - each.value] for end in each[1:3]]) for name, each in (("x", x), ("y", y))}
         colour = figures.colour(i)
         face = colour if row.has_rank else "white"
         axis.errorbar(x.value, y.value, **bars, fmt=MARKERS[i], color=colour, mfc=face, label=row.policy)

@@ -40,6 +40,10 @@ class ParameterRanges:
         if not any(getattr(self, name) for name in PARAMETER_NAMES):
             raise ValueError(f"at least one parameter must have a range, of {', '.join(PARAMETER_NAMES)}")
 
+    def ranges(self, parameters: Parameters) -> "ParameterRanges":
+        """Return these intervals, which do not depend on the nominal parameters."""
+        return self
+
     def draw(self, nominal: Parameters, streams: Streams) -> Floats:
         """Draw the parameters of new episodes, shape (n, 9).
 

@@ -47,7 +47,6 @@ from quadpend_gym.physics.state import (
     STATE_SIZE,
 )
 from quadpend_gym.physics.vectors import load
-from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.sensors import AGE
 from quadpend_gym.tasks import rewards
@@ -306,7 +305,7 @@ class _Generator:
         simulation, task, ranges = self.simulation, self.task, self.scenario.parameters
         parameters = list(simulation.parameters.as_array())
         if ranges is not None:
-            found = ranges.ranges(simulation.parameters) if isinstance(ranges, Around) else ranges
+            found = ranges.ranges(simulation.parameters)
             stream = draws.stream(streams.PARAMETER_STREAM)
             parameters = list(lift_model(found, draws.replaced).draw(simulation.parameters, stream)[0])
         physics = columns(parameters)

@@ -52,7 +52,6 @@ from quadpend_gym.envs.step_kernel import KERNELS, MEASURE, STEP, observe_sensed
 from quadpend_gym.envs.threads import run_in_threads
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, State
-from quadpend_gym.randomization import Around
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks.observation import ALL, FULL
 from quadpend_gym.tasks.references import CHANNELS, POINT_CHANNELS, REFERENCE_SIZE, draw_references
@@ -116,7 +115,7 @@ class World:
         # Values of the channels (F_x, F_y, z, ψ) without jumps of a `Reference` of one term, and how far they jumped.
         self._without_jumps, self._jumped = np.zeros((2, CHANNELS, num_envs)).swapaxes(1, 2)
         ranges, actuators = scenario.parameters, scenario.actuators
-        self._parameter_ranges = ranges.ranges(simulation.parameters) if isinstance(ranges, Around) else ranges
+        self._parameter_ranges = None if ranges is None else ranges.ranges(simulation.parameters)
         self._sensors = ModelBatch(scenario.sensors, num_envs)
         self._actuators = ModelBatch(actuators, num_envs, range(len(actuators))[::-1])  # the last one has stream 0
         winds = scenario.wind_models

@@ -13,7 +13,6 @@ twelve components in SI units.
 The velocities of several models are added before the drag is computed from their sum. The torque on a rigid vehicle is
 in the world frame, that on the paper's vehicle about the axes of φ, θ and ψ, see `quadpend_gym.physics.state`.
 
-
 A hand that pulls at the pole's upper end has four more columns, see `quadpend_gym.wind.hand`:
 
 | symbol | name | columns | unit              | frame | acts on                                                       |

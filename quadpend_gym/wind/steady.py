@@ -146,9 +146,9 @@ class Drawn(Composite):
 @WINDS.add
 @settings
 class Rescaled(Composite):
-    """A wind whose forces and torques are multiplied by factors, as are stiffness and damping of a hand.
+    """A wind whose forces and torques are multiplied by factors.
 
-    Its wind velocities do not change.
+    Its wind velocities do not change, and neither do stiffness and damping of a hand, which are not those of a vehicle.
 
     A force that suits one vehicle is too strong or too weak for a vehicle of another weight; `scale` is then the ratio
     of the weights, and `torque_scale` that of the torque limits. The drag of a wind velocity follows from the drag
@@ -168,7 +168,7 @@ class Rescaled(Composite):
         for name, columns in WIND_FIELDS.items():
             out[:, columns] += np.asarray(factors[name]) * wind[:, columns]
         if self.holds:
-            out[:, HAND] += self.scale * wind[:, HAND]
+            out[:, HAND] += wind[:, HAND]
 
     @property
     def torque_factors(self) -> tuple[float, ...]:

@@ -86,11 +86,11 @@ def test_several_hands_pull_as_one_with_the_sum_of_their_stiffness_and_damping()
     assert_allclose(fly(vehicle, 4, both), fly(vehicle, 4, one), rtol=0.0, atol=1e-12)
 
 
-def test_what_scales_or_turns_a_wind_scales_or_turns_its_hand() -> None:
+def test_a_drawn_wind_scales_and_turns_its_hand_and_one_for_another_vehicle_does_not() -> None:
     wind = Hold(10.0, 0.5, distance=0.0, point=(2.0, 1.0))
-    half, turned = Rescaled(wind, 0.5), Drawn(wind, (2.0, 2.0), (0.5 * np.pi, 0.5 * np.pi))
-    found = [sample_wind(item, 1, 1, columns=HAND)[0, 0] for item in (wind, half, turned, Rising(wind, WIND_PERIOD))]
-    assert_allclose(found, [[20, 10, 10, 0.5], [10, 5, 5, 0.25], [-20, 40, 20, 1.0], [10, 5, 5, 0.25]], atol=1e-14)
+    same, turned = Rescaled(wind, 0.5), Drawn(wind, (2.0, 2.0), (0.5 * np.pi, 0.5 * np.pi))
+    found = [sample_wind(item, 1, 1, columns=HAND)[0, 0] for item in (wind, same, turned, Rising(wind, WIND_PERIOD))]
+    assert_allclose(found, [[20, 10, 10, 0.5], [20, 10, 10, 0.5], [-20, 40, 20, 1.0], [10, 5, 5, 0.25]], atol=1e-14)
 
 
 def test_a_hand_holds_at_its_distance_on_a_random_side_and_lets_go() -> None:

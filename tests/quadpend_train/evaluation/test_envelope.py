@@ -9,10 +9,12 @@ import pytest
 
 from quadpend_baselines import controller
 from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
+from quadpend_gym.wind.base import HAND, Sum
 from quadpend_train.evaluation import envelope
-from quadpend_train.evaluation.envelope import Event, events, extra_delay, limit
-from quadpend_train.evaluation.statistics import Interval
+from quadpend_train.evaluation.envelope import DELAY, Event, Limit, events, limit
+from quadpend_train.evaluation.episodes import run_episodes
 from tests.helpers.policies import synthetic_results
+from tests.helpers.wind import sample_wind
 
 BREEZE = replace(SCENARIOS["flight_breeze"], duration=4.0)
 WIND = """
@@ -57,46 +59,106 @@ def test_strengths_change_the_settings_of_their_scenario_on_any_vehicle(file: Pa
 
 def test_every_event_of_the_benchmark_is_searched_around_its_everyday_strength() -> None:
     found = events(SCENARIOS["flight_breeze"])
+    delay = found.pop(DELAY)
+    assert (delay.strengths[0], delay.everyday, delay.strengths[-1]) == pytest.approx((2.5, 15.0, 100.0))
     assert [event.known.name for event in found.values()] == [*SETS["events"]]
     for event in found.values():
         assert event.strengths[0] == pytest.approx(event.everyday / 8.0)
-        assert event.everyday < event.strengths[-1]
+        assert event.everyday in event.strengths[:-1]
         assert event.at(event.everyday) == event.known
     assert found["drop-outs each second"].everyday == pytest.approx(100.0)
     assert found["loss of thrust"].everyday == pytest.approx(20.0)
 
 
-def test_the_bisection_finds_the_limit_in_six_runs_and_its_interval_tells_what_was_seen(
+def test_an_event_adds_to_a_scenario_and_replaces_nothing_that_it_can_keep() -> None:
+    gentle = SCENARIOS["flight_breeze"]
+    own = replace(
+        gentle,
+        wind=[{"kind": "constant", "force": [0.1, 0.0, 0.0]}],
+        loop={"latency": [0.01, 0.03], "changes": {"at": [1.0, 2.0], "latency": [0.03, 0.03]}},
+        parameters={"quadrotor_mass": [0.4, 0.6], "rod_length": [0.5, 0.6]},
+        task=replace(gentle.task, limits=replace(gentle.task.limits, tracking_error=1.0)),
+        pole_told=True,
+        duration=8.0,
+    )
+    made = {name: event.known for name, event in events(own).items()}
+    for name, scenario in made.items():
+        assert own.wind[0] in scenario.wind, name
+        assert scenario.duration == 8.0
+        assert scenario.task.limits.tracking_error == 1.0
+        assert scenario.loop.latency == (0.01, 0.03)
+        assert scenario.loop.changes.latency == (0.03, 0.03)
+        assert scenario.parameters.quadrotor_mass == (0.4, 0.6)
+        assert scenario.pole_told == (name != "pole not as believed")
+    assert made["jump of the set-point"].task.jumps == SCENARIOS["event_jump"].task.jumps
+    assert made["step of the wind"].wind == (*own.wind, *SCENARIOS["event_wind_step"].wind)
+    changes = made["loss of thrust"].loop.changes
+    assert (changes.at, changes.thrust) == (SCENARIOS["event_thrust"].loop.changes.at, (0.8, 0.8))
+    mass, length = (getattr(made["pole not as believed"].parameters, name) for name in ("bob_mass", "rod_length"))
+    assert (mass, length) == (pytest.approx((0.0425, 0.0575)), pytest.approx((0.48025, 0.64975)))
+
+
+def test_a_hand_pulls_alike_at_every_vehicle() -> None:
+    made = [SCENARIOS["flight_breeze"].with_vehicle(name) for name in ("hummingbird", "crazyflie", "racer")]
+    catches = [events(one)["held pole let go"].known for one in made]
+    first, *others = (sample_wind(Sum(catch.wind_models), 1, 50, columns=HAND) for catch in catches)
+    for hand in others:
+        np.testing.assert_array_equal(hand, first)
+
+
+def test_the_bisection_begins_at_the_everyday_strength_and_its_bracket_tells_what_was_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Episode k of 100 falls from the strength 20 + k/10 on, so two fall from 20.1."""
+    """Episode k of 100 falls from the strength 20 + k/10 on, so two fall from 20.1, and four from 20.3."""
     runs: list[float] = []
 
     def run_job(job: Any, *_: Any) -> Any:
         runs.append(job.scenario.duration)
+        assert job.enough == 4 * len(job.policies)  # 3 falls of 100 do not exclude a survival of 99 %
         survived = job.scenario.duration < 20.0 + 0.1 * np.arange(job.episodes)
         return synthetic_results(np.ones((len(job.policies), job.episodes)), survived)
 
     monkeypatch.setattr(envelope, "run_job", run_job)
     strengths = tuple(np.linspace(19.0, 22.0, 61).tolist())
-    event = Event("s", 10.0, strengths, lambda x: Scenario(duration=x), Scenario())
-    value, low, high = limit([controller("lqr")], event)
-    assert value == pytest.approx(20.05)  # one fall of 100
-    assert low < 20.0 < value < high
-    assert 20.3 <= high <= 20.6
-    assert len(runs) <= 6
-    assert limit([controller("lqr")], replace(event, strengths=(1.0, 2.0))) == (2.0, 2.0, np.inf)
-    assert limit([controller("lqr")], replace(event, strengths=(40.0, 50.0)))[:2] == (0.0, 0.0)
-    found = envelope.envelope(
-        {"one": Interval(20.0, 5.0, np.inf), "two": Interval(0.0, 0.0, 19.0)}, dict.fromkeys(("one", "two"), event)
+    event = Event("s", 19.5, strengths, lambda x: Scenario(duration=x), Scenario())
+    for seeds in (1, 5):  # each of which flies all episodes
+        found = limit([controller("lqr")] * seeds, event)
+        assert runs[0] == pytest.approx(19.5)
+        assert found.value == pytest.approx(20.05)  # one fall of 100
+        assert 19.5 <= found.clean < 20.0
+        assert 20.3 <= found.failed <= 20.75
+        assert found.room == 0.0
+        assert len(runs) <= 7
+        runs.clear()
+    most, least = (limit([controller("lqr")], replace(event, strengths=ends)) for ends in ((1.0, 2.0), (40.0, 50.0)))
+    assert str(most) == "≥ 2.00 (2.00, –)"
+    assert str(least) == "< 40.0 (–, 40.0)"
+    events = dict.fromkeys(("one", "two", DELAY), event)
+    found = envelope.envelope({"one": Limit(20.0, 5.0, np.inf), "two": Limit(19.0, 0.0, 19.0, "<")}, events)
+    ends = np.array([20.0 * 19.0, 19.0**2, 22.0 * 19.0])
+    assert found[:3] == pytest.approx(np.sqrt(ends) / 19.5)
+    assert found.sign == "<"
+    both = envelope.envelope(
+        {"one": most, "two": least}, {name: replace(event, strengths=(2.0, 40.0)) for name in events}
     )
-    assert found == pytest.approx((np.sqrt(2.0 * 1.9), 1.9, np.sqrt(2.2 * 1.9)))
+    assert str(both).startswith("≈ ")
+
+
+def test_a_run_ends_with_the_fall_that_decides_and_falls_as_before_until_then() -> None:
+    scenario = replace(SCENARIOS["flight_recovery_50"], duration=3.0)
+    policies = [controller("lqr"), controller("lqr")]
+    every, some = run_episodes(policies, scenario, 8), run_episodes(policies, scenario, 8, enough=3)
+    assert len(some.cause) == 1  # the second policy does not fly
+    fallen = some.cause > 0
+    assert 3 <= np.sum(fallen) < np.sum(every.cause[0] > 0)
+    np.testing.assert_array_equal(some.steps[fallen], every.steps[:1][fallen])
+    assert some.steps.max() < every.steps.max()
 
 
 def test_the_extra_delay_is_the_last_one_that_a_policy_that_is_not_told_survives() -> None:
     """LQR of the vehicle with torques tolerates some delay, and its linear loop about as much."""
-    found = limit([controller("lqr")], extra_delay(BREEZE), 10)
+    found = limit([controller("lqr")], events(BREEZE)[DELAY], 10)
     assert 10.0 < found.value < 80.0
     assert found.value / 2.5 == pytest.approx(round(found.value / 2.5))
     drawn = replace(BREEZE, loop={"latency": [0.01, 0.02]})
-    assert extra_delay(drawn).at(5.0).loop.latency == pytest.approx((0.015, 0.025))
+    assert events(drawn)[DELAY].at(5.0).loop.latency == pytest.approx((0.015, 0.025))

@@ -1,6 +1,7 @@
 """Intervals have their nominal coverage, and tests keep their level."""
 
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -41,16 +42,57 @@ def test_the_bounds_of_survival_and_of_its_loss_agree_with_published_formulas_an
     assert largest_loss(every, every) == pytest.approx(z**2 / (268 + z**2))
     assert largest_loss(every, every) < 0.01 < largest_loss(every[:, 1:], every[:, 1:])
     assert largest_loss(~every, every) == 1.0
-    assert largest_loss(every, ~every) < -0.98
+
+
+@pytest.mark.parametrize("episodes", [1, 2, 50, 268, 3000])
+@pytest.mark.parametrize("seeds", [1, 3])
+def test_bounds_and_tests_exist_where_all_episodes_are_alike(seeds: int, episodes: int) -> None:
+    """Only the other policy falls: Tango's bound is −1 + 2 z²/(n + z²) then."""
+    every, z = np.ones((seeds, episodes), np.bool_), stats.norm.ppf(0.95)
+    for first, second in product((every, ~every), repeat=2):
+        assert first.mean() * (0.05 ** (1.0 / episodes)) == pytest.approx(least_proportion(first))
+        assert second.mean() - first.mean() <= largest_loss(first, second) <= 1.0
+        assert proportion(first).low <= first.mean() <= proportion(first).high
+        assert 0.0 <= p_proportion(first, second) <= 1.0
+    if seeds == 1:
+        assert largest_loss(every, ~every) == pytest.approx(-1.0 + 2.0 * z**2 / (episodes + z**2))
+
+
+def test_flights_of_scenarios_that_fall_in_the_same_episodes_count_as_one() -> None:
+    """Ten of 200 episodes fall: in all of five scenarios, or each in another episode of every scenario."""
+    falls = np.arange(200) < 10
+    alike, apart = (np.array([[~np.roll(falls, shift * i) for i in range(5)]]) for shift in (0, 10))
+    steady = np.ones((1, 1, 200), np.bool_)
+    for bound in (least_proportion, lambda x: proportion(x).low, lambda x: -largest_loss(x, np.ones_like(x))):
+        assert bound(alike) == pytest.approx(bound(alike[:, 0]))
+        assert bound(apart) == pytest.approx(bound(apart.reshape(1, -1)))
+        assert bound(alike) < bound(apart)
+    assert least_proportion(alike | steady) == least_proportion(np.ones((1, 1000), np.bool_))
 
 
 @pytest.mark.parametrize(
-    ("seeds", "episodes", "share", "other"), [(1, 300, 0.99, 1.0), (1, 300, 0.97, 0.98), (5, 200, 0.98, 0.99)]
+    ("shape", "share", "other", "common"),
+    [
+        ((1, 1, 300), 0.99, 1.0, 0.0),
+        ((1, 1, 300), 0.97, 0.98, 0.0),
+        ((5, 1, 200), 0.98, 0.99, 0.0),
+        ((1, 5, 200), 0.98, 0.99, 0.0),
+        ((1, 5, 200), 0.95, 0.97, 0.3),
+        ((3, 4, 200), 0.95, 0.97, 1.0),
+    ],
 )
-def test_one_sided_bounds_are_seldom_on_the_wrong_side(seeds: int, episodes: int, share: float, other: float) -> None:
+def test_one_sided_bounds_are_seldom_on_the_wrong_side(
+    shape: tuple[int, int, int], share: float, other: float, common: float
+) -> None:
+    """A part `common` of the episodes has the same result with all seeds in all scenarios."""
     random, wrong = np.random.default_rng(5), np.zeros(2)
+
+    def draw(seeds: int, p: float) -> Any:
+        alone, together = random.random((seeds, *shape[1:])), random.random((1, 1, shape[2]))
+        return np.where(random.random(shape[2]) < common, together, alone) < p
+
     for _ in range(400):
-        survived, others = random.random((seeds, episodes)) < share, random.random((1, episodes)) < other
+        survived, others = draw(shape[0], share), draw(1, other)
         wrong += least_proportion(survived) > share, largest_loss(survived, others) < other - share
     assert (wrong / 400 <= 0.075).all()
 

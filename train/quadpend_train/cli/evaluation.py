@@ -26,7 +26,7 @@ def evaluate(
 
     The ranking puts survival first, then the error of the survivors in scenarios without events. A sentence for each
     policy says in which scenarios it beats the first one: by survival or, if that does not differ significantly, by the
-    RMSE over the episodes that both survive. The level is 5 % after Holm's correction for the number of tests.
+    RMSE over the episodes that both survive. The level is 5 % after Holm's correction for the tests of a sentence.
 
     Args:
         policies: Classical controllers (adrc-paper, …), also with the gains of a file (lqg:gains.json), run folders,

@@ -21,14 +21,16 @@ def preflight(
     """Print the data sheet of a policy on a vehicle: its limits beside what flights need.
 
     The limit of an event, such as a jump of the set-point, is the largest strength that 99 % of the episodes survive. A
-    bisection finds it as if survival never grew with the strength. Brackets have the largest tried strength without a
-    fall and the smallest one at which survival is below 99 % with 95 % confidence.
+    bisection from the everyday strength finds it as if survival never grew with the strength. Brackets are no
+    confidence intervals: they have the largest tried strength without a fall and the smallest one at which survival is
+    below 99 % with 95 % confidence. The room is the farthest distance from the reference at everyday strength.
 
     Args:
         policy: A policy, as in evaluate.
-        vehicle: Vehicle of the scenario, as in evaluate.
-        scenario: Scenario with the vehicle and the loop as you fly them: interface, period, latency, sensors.
-        episodes: Episodes of each run; a limit takes about six runs.
+        vehicle: Vehicle in place of that of the scenario, as in evaluate. It keeps the loop of the scenario.
+        scenario: Scenario with the vehicle and the loop as you fly them: interface, period, latency, sensors, and what
+            else disturbs your flights. Events are added to it.
+        episodes: Episodes of each run, for each training seed of a learner; a limit takes about six runs.
         seed: Seed of the first episode.
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results; only missing results are computed.
@@ -48,7 +50,11 @@ def preflight(
         check_policy(policy, each, name, flown)
     sheet = data_sheet(policies, flown, episodes, seed, jobs, cache)
     console = Console(width=None if sys.stdout.isatty() else 150, emoji=False, markup=False, highlight=False)
-    title = f"{policy} on {flown.vehicle.name}, {episodes} episodes a run, seeds from {seed}"
+    loop = f"{flown.interface} at {1.0 / flown.period:g} Hz, latency of {1e3 * flown.latency:g} ms"
+    title = (
+        f"{policy} on {flown.vehicle.name}, through the loop of {scenario} ({loop}; yours: --scenario FILE),"
+        f" {episodes} episodes a run, seeds from {seed}"
+    )
     table = terminal_table(title, sheet.table())
     table.box, table.show_edge = box.SIMPLE_HEAD, False
     console.print(table)

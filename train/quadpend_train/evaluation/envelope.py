@@ -1,69 +1,63 @@
 """The envelope of a policy: the largest strength of each event that it survives.
 
 The limit of an event is the largest strength at which at least `SURVIVAL` of the episodes survive. The strengths form a
-grid, and a bisection finds the limit in about six runs of all episodes, as if survival never grew with the strength.
-All runs have the same seeds, and the policy is designed for the everyday strength, or for no extra delay. The ends of
-the interval of a limit are the largest tried strength below it without a fall, and the smallest tried one at which the
-survival is below `SURVIVAL` with one-sided 95 % confidence (Clopper and Pearson).
+grid. A bisection that begins at the everyday strength finds the limit in about six runs of all episodes, as if survival
+never grew with the strength. All runs have the same seeds, and the policy is designed for the everyday strength, or for
+no extra delay. Every training seed of a learner flies all episodes, and they are pooled: the limit is that of the mean
+survival of these seeds. A run ends early once it has `enough` falls.
+
+The bracket of a limit (`Limit`) tells what was seen, and is no confidence interval: its ends are the largest tried
+strength up to the limit without a fall, and the smallest tried one beyond it at which the survival is below `SURVIVAL`
+with one-sided 95 % confidence. That is Clopper and Pearson's test, in which the seeds of a learner count as one: they
+fly the same episodes.
 
     (1)  envelope = exp( mean over events of log(limit / everyday strength) )
 
-`envelope.toml` has the events. Their grids are geometric and end at the highest strength of the file. A limit below the
-lowest strength, an eighth of the everyday one, is 0, and counts as that one in (1).
+`envelope.toml` has the events of (1). Their grids are geometric and end at the highest strength of the file. A limit
+below the lowest strength, an eighth of the everyday one, counts as that one, and one beyond the grid as the highest;
+the sign of a limit and of (1) says so.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, partial
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import Strict
+from scipy import stats
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.files import read_toml
 from quadpend_gym.core.nested import changed, value_at
-from quadpend_gym.core.settings import parse, settings
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.evaluation.episodes import TEST_SEED
-from quadpend_train.evaluation.formatting import format_interval, format_number
+from quadpend_train.evaluation.formatting import format_number
 from quadpend_train.evaluation.jobs import Job, run_job
-from quadpend_train.evaluation.statistics import Interval, least_proportion
+from quadpend_train.evaluation.statistics import CONFIDENCE
 
 SURVIVAL = 0.99
-EPISODES = 100  # of a run
+EPISODES = 100  # of a run, for each training seed
 BASE = "flight_breeze"  # the scenario in which nothing happens; events add to it
 LOWEST, STEPS = 0.125, 8  # lowest strength as a share of the everyday one, and steps of a grid that double the strength
 FILE = Path(__file__).with_suffix(".toml")
+DELAY = "extra delay"  # the event that is no part of (1)
 LONGEST, ENOUGH = 0.1, 0.015  # s: the longest extra delay, and that which a policy should tolerate
 
 
-@settings
-class _Event:
-    """An event of the file."""
+class Limit(NamedTuple):
+    """The limit of an event or the envelope, with its bracket, which is no confidence interval."""
 
-    scenario: str
-    unit: str
-    highest: float
-    changes: dict[str, tuple[float, float]]
-    commanded: Annotated[bool, Strict()] = False
+    value: float
+    clean: float  # largest tried strength up to the limit without a fall; 0: none
+    failed: float  # smallest tried strength that is certainly beyond the limit; infinite: none
+    sign: str = ""  # "≥" and "<" where the search ended at the end of its grid; the envelope has "≈" if both occur
+    room: float = np.nan  # farthest distance from the reference at everyday strength, m; nan if too many fell
 
-    def at(self, strength: float) -> Scenario:
-        """Return the scenario with another strength."""
-        scenario, new = SCENARIOS[self.scenario], {}
-        for path, (start, slope) in self.changes.items():
-            value, old = start + slope * strength, value_at(scenario, path)
-            new[path] = (value,) * len(old) if isinstance(old, tuple) else value
-        made: Scenario = changed(scenario, new)
-        return made
-
-    @property
-    def everyday(self) -> float:
-        """The strength that the scenario has."""
-        path, (start, slope) = next(iter(self.changes.items()))
-        value = np.ravel(value_at(SCENARIOS[self.scenario], path))[0]
-        return float((value - start) / slope)
+    def __str__(self) -> str:
+        """Return the limit with its bracket, such as ``≥ 8.00 (8.00, –)``."""
+        ends = [self.clean or np.nan, self.failed if self.failed < np.inf else np.nan]
+        value, clean, failed = (format_number(number, np.nanmin([self.value, *ends])) for number in (self.value, *ends))
+        return f"{self.sign} {value} ({clean}, {failed})".strip()
 
 
 @dataclass(frozen=True)
@@ -72,67 +66,97 @@ class Event:
 
     unit: str
     everyday: float
-    strengths: tuple[float, ...]  # that are searched, ascending
+    strengths: tuple[float, ...]  # that are searched, ascending; the smallest one from the everyday one on is the first
     at: Callable[[float], Scenario]
     known: Scenario  # for which policies are designed
     commanded: bool = False  # whether a pilot decides how strong it is
 
 
-@cache
-def _events(path: Path) -> dict[str, _Event]:
-    return {name: parse(_Event, data, name) for name, data in read_toml(path).items()}
-
-
 def events(base: Scenario, path: Path = FILE) -> dict[str, Event]:
-    """Return the events of a file by name, on the vehicle of a scenario and through its loop, see `on`."""
-    found = {}
-    for name, event in _events(path).items():
-        weights = base.vehicle.weight / SCENARIOS[event.scenario].vehicle.weight if event.unit == "mN" else 1.0
-        everyday, doublings = event.everyday, np.log2(event.highest / (LOWEST * event.everyday))
-        grid = LOWEST * everyday * 2.0 ** np.arange(0.0, doublings - 1e-9, 1.0 / STEPS)
-        strengths, at = weights * np.append(grid, event.highest), partial(_at, event, base, weights)
-        known = at(weights * everyday)
-        found[name] = Event(event.unit, weights * everyday, tuple(strengths.tolist()), at, known, event.commanded)
-    return found
+    """Return the events of a file and the extra delay by name, on the vehicle of a scenario and through its loop."""
+    return {name: _event(base, **table) for name, table in read_toml(path).items()} | {DELAY: _extra_delay(base)}
 
 
-def _at(event: _Event, base: Scenario, weights: float, strength: float) -> Scenario:
-    return on(base, event.at(strength / weights))
+def _event(
+    base: Scenario,
+    scenario: str,
+    unit: str,
+    highest: float,
+    changes: Mapping[str, tuple[float, float]],
+    commanded: bool = False,
+) -> Event:
+    """Return an event from its table in the file; forces are relative to the weight of the vehicle."""
+    own = SCENARIOS[scenario]
+    weights = base.vehicle.weight / own.vehicle.weight if unit == "mN" else 1.0
+
+    def at(strength: float) -> Scenario:
+        new = {}
+        for path, (start, slope) in changes.items():
+            value, old = start + slope * strength / weights, value_at(own, path)
+            new[path] = (value,) * len(old) if isinstance(old, tuple) else value
+        return on(base, changed(own, new))
+
+    path, (start, slope) = next(iter(changes.items()))
+    everyday = (float(np.ravel(value_at(own, path))[0]) - start) / slope
+    grid = LOWEST * everyday * 2.0 ** np.arange(0.0, np.log2(highest / (LOWEST * everyday)) - 1e-9, 1.0 / STEPS)
+    strengths = weights * np.append(grid, highest)
+    return Event(unit, weights * everyday, tuple(strengths.tolist()), at, at(weights * everyday), commanded)
+
+
+def _extra_delay(base: Scenario) -> Event:
+    """Return the event that commands act later than a policy knows, in ms: whole substeps."""
+    substep = 1000.0 * base.period / base.simulation.substeps
+    strengths = tuple(substep * i for i in range(1, round(1000.0 * LONGEST / substep) + 1))
+
+    def at(milliseconds: float) -> Scenario:
+        late = 0.001 * milliseconds
+        if base.loop and base.loop.latency:
+            low, high = base.loop.latency
+            return replace(base, loop=replace(base.loop, latency=(low + late, high + late)))
+        return replace(base, latency=base.latency + late)
+
+    return Event("ms", 1000.0 * ENOUGH, strengths, at, base)
 
 
 def on(base: Scenario, event: Scenario) -> Scenario:
-    """Return the scenario of an event with the vehicle and the loop of another scenario.
+    """Return another scenario with what the scenario of an event adds to `BASE`, on the vehicle of the other one.
 
-    What the event has in common with `BASE` is replaced by what the other scenario has: vehicle, interface, period,
-    latency, observation, sensors and actuators, and the drawn loop and parameters if the event has none. The pole is
-    told only if it is observed.
+    Every field that the event has in common with `BASE` is that of the other scenario. Models of wind, sensors and
+    actuators that `BASE` does not have are appended. Where both scenarios differ from `BASE`, parts such as task and
+    loop are merged field by field, and the event decides about a single number, interval or trajectory: a parameter of
+    the vehicle has one interval, and numbers of a loop change at one time. An event that draws parameters of the pole
+    also decides whether the pole is told, if it is observed.
     """
-    gentle, told = SCENARIOS[BASE], event.pole_told and "pole" in base.observation
+    gentle = SCENARIOS[BASE]
+    if (base.vehicle, base.interface) != (gentle.vehicle, gentle.interface):
+        gentle, event = (one.with_vehicle(base.vehicle, base.interface) for one in (gentle, event))
+    if base.parameters and event.parameters:
+        nominal = base.simulation.parameters
+        base = replace(base, parameters=base.parameters.ranges(nominal))
+        event = replace(event, parameters=event.parameters.ranges(nominal))
+    made: Scenario = _merged(base, gentle, event)
+    told = (event if event.parameters else base).pole_told and "pole" in base.observation
+    return replace(made, pole_told=told, name=event.name)
+
+
+def _merged(base: Any, gentle: Any, event: Any) -> Any:
+    """Return the value of a field, see `on`; where `BASE` has no such part, its values are the default ones."""
+    if event == gentle:
+        return base
     if base == gentle:
-        return replace(event, pole_told=told)
-    models: dict[str, Any] = {
-        name: (*getattr(base, name), *(item for item in getattr(event, name) if item not in getattr(gentle, name)))
-        for name in ("sensors", "actuators")
+        return event
+    if isinstance(event, tuple) and all(map(is_dataclass, event)):  # models
+        return (*base, *(model for model in event if model not in gentle))
+    if not is_dataclass(event) or type(event) is not type(base):
+        return event
+    values: dict[str, Any] = {
+        part.name: _merged(
+            getattr(base, part.name), getattr(gentle, part.name, part.default), getattr(event, part.name)
+        )
+        for part in fields(event)
     }
-    names = "latency", "period", "substeps", "observation", "autopilot", "loop_known"
-    drawn = {name: getattr(event, name) or getattr(base, name) for name in ("loop", "parameters")}
-    made = event.with_vehicle(base.vehicle, base.interface)
-    return replace(made, pole_told=told, **{name: getattr(base, name) for name in names}, **models, **drawn)
-
-
-def extra_delay(scenario: Scenario) -> Event:
-    """Return the event that commands act later than a policy knows, in ms: whole substeps."""
-    substep = 1000.0 * scenario.period / scenario.simulation.substeps
-    strengths = tuple(substep * i for i in range(1, round(1000.0 * LONGEST / substep) + 1))
-    return Event("ms", 1000.0 * ENOUGH, strengths, partial(_late, scenario), scenario)
-
-
-def _late(scenario: Scenario, milliseconds: float) -> Scenario:
-    late = 0.001 * milliseconds
-    if scenario.loop and scenario.loop.latency:
-        low, high = scenario.loop.latency
-        return replace(scenario, loop=replace(scenario.loop, latency=(low + late, high + late)))
-    return replace(scenario, latency=scenario.latency + late)
+    made: Any = base
+    return replace(made, **values)
 
 
 def limit(
@@ -141,48 +165,50 @@ def limit(
     episodes: int = EPISODES,
     seed: int = TEST_SEED,
     cache_folder: Path | None = None,
-) -> Interval:
-    """Return the limit of an event with its interval, in its unit.
+) -> Limit:
+    """Return the limit of an event in its unit.
 
-    The policies are one controller, or the training seeds of one learner, which share the episodes of a run. The limit
-    is the highest strength, and the upper end infinite, if all strengths are survived. A strength that is impossible on
-    the vehicle is not survived.
+    The policies are one controller, or the training seeds of one learner, each of which flies all episodes. A strength
+    that is impossible on the vehicle is not survived.
     """
-    each, survivals = max(episodes // len(policies), 1), {}
-    tolerated, beyond = -1, len(event.strengths)
+    allowed = (1.0 - SURVIVAL) * episodes * len(policies)
+    enough = len(policies) * (1 + int(stats.binom.isf(1.0 - CONFIDENCE, episodes, 1.0 - SURVIVAL)))
+    falls: dict[int, int] = {}
+    room, tolerated, beyond = np.nan, -1, len(event.strengths)
+    tried = first = min(int(np.searchsorted(event.strengths, event.everyday * (1.0 - 1e-9))), beyond - 1)
     while beyond - tolerated > 1:
-        middle = (tolerated + beyond) // 2
         try:
-            scenario = event.at(event.strengths[middle])
+            scenario = event.at(event.strengths[tried])
         except ValueError:  # such as a yaw rate above that of the vehicle
-            beyond = middle
-            continue
-        job = Job([*policies], scenario, each, seed, known=event.known)
-        survivals[middle] = run_job(job, cache_folder).survived
-        if survivals[middle].mean() >= SURVIVAL:
-            tolerated = middle
+            falls[tried] = enough
         else:
-            beyond = middle
-    without = [i for i, survived in survivals.items() if i <= tolerated and survived.all()]
-    fewer = [i for i, survived in survivals.items() if least_proportion(~survived) > 1.0 - SURVIVAL]
-    return Interval(
-        event.strengths[tolerated] if tolerated >= 0 else 0.0,
-        event.strengths[max(without)] if without else 0.0,
-        event.strengths[min(fewer)] if fewer else np.inf,
+            job = Job([*policies], scenario, episodes, seed, known=event.known, enough=enough)
+            flown = run_job(job, cache_folder)
+            falls[tried] = int(np.count_nonzero(flown.cause))
+            if tried == first and falls[tried] < enough:
+                room = float(np.nanmax(flown.error))
+        if falls[tried] <= allowed:
+            tolerated = tried
+        else:
+            beyond = tried
+        tried = (tolerated + beyond) // 2
+    clean = [i for i, number in falls.items() if i <= tolerated and not number]
+    failed = [i for i, number in falls.items() if number >= enough]
+    return Limit(
+        event.strengths[max(tolerated, 0)],
+        event.strengths[max(clean)] if clean else 0.0,
+        event.strengths[min(failed)] if failed else np.inf,
+        "<" if tolerated < 0 else "≥" if beyond == len(event.strengths) else "",
+        room,
     )
 
 
-def limit_text(found: Interval, event: Event) -> str:
-    """Return a limit with its interval; one at an end of the search is less than, or at least, that strength."""
-    if found.value == 0.0:
-        return f"< {format_number(event.strengths[0])}"
-    most = f"≥ {format_number(found.value)}"
-    return most if found.value == event.strengths[-1] else format_interval(found).replace("inf", "…")
-
-
-def envelope(limits: Mapping[str, Interval], among: Mapping[str, Event]) -> Interval:
+def envelope(limits: Mapping[str, Limit], among: Mapping[str, Event]) -> Limit:
     """Return (1), in multiples of the everyday strengths, of the limits by the names of events."""
-    low, high = np.array([[event.strengths[0], event.strengths[-1]] for event in among.values()]).T
-    everyday = np.array([event.everyday for event in among.values()])
-    ends = np.clip([limits[name] for name in among], low[:, np.newaxis], high[:, np.newaxis])
-    return Interval(*np.exp(np.mean(np.log(ends / everyday[:, np.newaxis]), axis=0)).tolist())
+    counted = {name: event for name, event in among.items() if name != DELAY}
+    low, high = np.array([[event.strengths[0], event.strengths[-1]] for event in counted.values()]).T
+    everyday = np.array([event.everyday for event in counted.values()])
+    ends = np.clip([limits[name][:3] for name in counted], low[:, np.newaxis], high[:, np.newaxis])
+    signs = {limits[name].sign for name in counted} - {""}
+    value, clean, failed = np.exp(np.mean(np.log(ends / everyday[:, np.newaxis]), axis=0)).tolist()
+    return Limit(value, clean, failed, "≈" if len(signs) > 1 else "".join(signs))

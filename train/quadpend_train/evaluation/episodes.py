@@ -4,7 +4,7 @@ Start, reference and wind of episode k of a scenario depend on the seed and on k
 same episodes, and differences can be computed episode by episode.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,22 +71,38 @@ def run_episodes(
     seed: int = TEST_SEED,
     options: dict[str, Any] | None = None,
     known: Scenario | None = None,
+    enough: float = np.inf,
 ) -> EpisodeResults:
     """Run `episodes` episodes with each policy; episode k has the seed `seed` + k.
 
     The policies, or what `as_policy` takes, are one controller or the training seeds of one learner. `options` are
     those of the environment's reset, such as a start for each episode. The policies are designed for the scenario
     `known`, by default the one that they fly.
+
+    All stop in the step in which the number of falls of all policies reaches `enough`, and later policies do not fly.
+    Episodes that have not ended then are not survived and have no cause.
     """
     scenario = find_scenario(scenario)
     results, lengths = [], np.full(episodes, scenario.steps)
     for policy in policies:
         flown = as_policy(policy).adapt(known or scenario)
         env = flown.wrap(scenario.make_vec(episodes, AutoresetMode.SAME_STEP))
-        steps = rollout(flown, env, seed, options)
+        steps = _until(rollout(flown, env, seed, options), enough)
         arguments = lengths, scenario.period, pendulum_arm(scenario), scenario.unscored_steps
         results.append(collect_results(steps, *arguments))
+        enough -= np.count_nonzero(results[-1].cause)
+        if enough <= 0:
+            break
     return EpisodeResults(*(np.stack(parts) for parts in zip(*results, strict=True)))
+
+
+def _until(steps: Iterable[RolloutStep], falls: float) -> Iterator[RolloutStep]:
+    """Yield steps up to the one in which the number of falls is reached."""
+    for step in steps:
+        yield step
+        falls -= np.count_nonzero(step.cause[step.active])
+        if falls <= 0:
+            return
 
 
 def pendulum_arm(scenario: Scenario) -> float:

@@ -38,6 +38,7 @@ class Job(NamedTuple):
     seed: int
     options: dict[str, Any] | None = None
     known: Scenario | None = None
+    enough: float = np.inf
 
     def __call__(self) -> EpisodeResults:
         """Run the episodes."""
@@ -49,7 +50,7 @@ class Job(NamedTuple):
         if folder is None or None in fingerprints or own_models((self.scenario, self.known)):
             return None
         scenarios = [scenario_data(scenario) for scenario in (self.scenario, self.known) if scenario]
-        parts = [fingerprints, scenarios, self.episodes, self.seed, self.options, code_hash()]
+        parts = [fingerprints, scenarios, self.episodes, self.seed, self.options, self.enough, code_hash()]
         text = json.dumps(parts, sort_keys=True, default=lambda array: array.tolist())
         return folder / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
 

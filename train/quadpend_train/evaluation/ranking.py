@@ -6,16 +6,20 @@ one, the gentle one, whose errors count:
     (1)  exp( mean over gentle scenarios s of  ½ log(mean of e² over survived episodes) − log r_s )
 
 with the RMSE e of the scored steps of an episode and the reference r_s. The interval of (1) is that of its
-linearisation in the means of e².
+linearisation in the means of e². r_s divides the errors of all policies alike, so it sets the scale of (1) and no order
+depends on it. Where a scenario has none, it is the smallest error in the table: then (1) compares only within a table.
 
 - A policy has a rank only if in every group the lower 95 % bound of its survival is at least `LEAST`: Clopper and
   Pearson's (`least_proportion`).
 - A may stand above B only if in every group the upper 95 % bound of the paired loss of survival of A against B is below
-  `LOSS`: Tango's (`largest_loss`). If each may stand above the other, the lower error (1) decides.
+  `LOSS`: Tango's (`largest_loss`). If each may stand above the other, the lower error (1) decides. That is an order of
+  estimates, which is not tested.
 
-The episodes of a group are pooled, and the bounds take them for independent. All bounds are one-sided. A rule for every
-group is an intersection–union test, so its level is 5 % without a correction. All training seeds of a learner are
-pooled, and their bounds are at least as wide as those of the population of training seeds.
+The flights of a group are pooled. Its scenarios have episodes with the same seeds, so the bounds divide the number of
+flights by the design effect of clusters that are the episodes. All bounds are one-sided. A rule for every group is an
+intersection–union test, so its level is 5 % without a correction; the levels of several policies and pairs are not
+corrected. All training seeds of a learner are pooled and count as one, and their bounds are at least as wide as those
+of the population of training seeds.
 
 These pairs need not be an order: none of two may stand above the other, or A stands above B, B above C and C above A.
 So places go to the smallest sets of policies whose members all stand above all later ones. Members of one set share
@@ -87,10 +91,7 @@ def ranking(table: pd.DataFrame, references: Mapping[str, float] | None = None) 
         results.setdefault(policy, {})[scenario] = values
     names, members = list(results), groups(list(dict.fromkeys(table["scenario"])))
     survived = {
-        name: {
-            group: np.concatenate([found[scenario]["survived"] for scenario in own], 1)
-            for group, own in members.items()
-        }
+        name: {group: np.stack([found[scenario]["survived"] for scenario in own], 1) for group, own in members.items()}
         for name, found in results.items()
     }
     least = {name: {group: least_proportion(each) for group, each in of.items()} for name, of in survived.items()}

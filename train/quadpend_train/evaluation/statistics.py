@@ -1,7 +1,14 @@
 """Confidence intervals and hypothesis tests for comparisons of policies.
 
 Values have the shape (s, n): s training seeds of one learner (s = 1 for a controller), each evaluated in the same n
-episodes. Values that are nan are left out.
+episodes. Values that are nan are left out. Successes may have the shape (s, c, n): episode k of all c scenarios has the
+same seed, so wind and noise of its c flights are alike, and its successes may be correlated. Their number is then
+divided by the design effect
+
+    D = max( 1, c · var(episodes' means) / var(flights) )                                                (4)
+
+of clusters that are the episodes (Kish 1965; Korn and Graubard, "Confidence intervals for proportions with small
+expected number of positive counts estimated from survey data", Survey Methodology 1998). Without a failure D is 1.
 
 With one seed the statements are about that one policy, over the population of episodes: intervals of means are
 Student's, corrected for the skewness of the values (2), tests are randomisation tests. With several seeds the
@@ -28,7 +35,7 @@ Student's). docs/accuracy.md has the measured coverage of (1), (2) and (3).
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import optimize, special, stats
@@ -39,6 +46,7 @@ CONFIDENCE = 0.95
 _SIGN_CHOICES = 9999  # of the randomisation test
 _BLOCK_NUMBERS = 2_000_000  # random numbers in memory at a time
 _ROUNDING = 1e-12  # relative standard deviation below which values count as equal
+_STEP = 1e-7  # of a share, from the observed loss to where the root of (3) is sought: rounding hides smaller ones
 _SMALLEST_P = 1e-12  # smaller p-values over several seeds are reported as this one
 _TAIL_FACTOR = 0.25 / stats.norm.sf(np.sqrt(2.0))  # 3.178, of Bentkus and Dzindzalieta's bound
 
@@ -63,52 +71,72 @@ class Interval(NamedTuple):
         return Interval(self.value, min(self.low, other.low), max(self.high, other.high))
 
 
-def proportion(successes: Booleans) -> Interval:
-    """Share of successes, shape (s, n), with Wilson's interval.
+def _flights(values: Any) -> Floats:
+    """Return values of shape (s, n) or (s, c, n) with the shape (s, c, n)."""
+    array = np.asarray(values, np.float64)
+    return array.reshape(len(array), -1, array.shape[-1])
 
-    For several seeds, Wilson's interval is that of all s n episodes, widened by (1). The interval has a positive width
+
+def design_effect(flights: Floats) -> float:
+    """Return (4) of values of shape (s, c, n); s seeds count as one that has their mean."""
+    means = flights.mean(axis=0)
+    variance = means.var()
+    return max(len(means) * float(means.mean(axis=0).var() / variance), 1.0) if variance else 1.0
+
+
+def proportion(successes: Booleans) -> Interval:
+    """Share of successes, shape (s, n) or (s, c, n), with Wilson's interval.
+
+    For several seeds, Wilson's interval is that of all s c n flights, widened by (1). The interval has a positive width
     even if every episode is a success.
     """
-    ends = stats.binomtest(int(successes.sum()), successes.size).proportion_ci(CONFIDENCE, "wilson")
-    pooled = Interval(float(successes.mean()), float(ends.low), float(ends.high))
-    return _widen_over_seeds(pooled, successes.astype(np.float64), 0.0)
+    flights = _flights(successes)
+    p, n, z = float(flights.mean()), flights.size / design_effect(flights), stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)
+    centre, half = p + 0.5 * z**2 / n, z * np.sqrt((p * (1.0 - p) + 0.25 * z**2 / n) / n)
+    low, high = np.array([centre - half, centre + half]) / (1.0 + z**2 / n)
+    pooled = Interval(p, float(np.clip(low, 0.0, p)), float(np.clip(high, p, 1.0)))  # rounding moves the ends beyond
+    return _widen_over_seeds(pooled, flights.mean(axis=1), 0.0)
 
 
 def least_proportion(successes: Booleans) -> float:
-    """Lower one-sided 95 % bound of the share of successes, shape (s, n).
+    """Lower one-sided 95 % bound of the share of successes, shape (s, n) or (s, c, n).
 
-    It is Clopper and Pearson's of n episodes, which holds for any share; for several seeds at most that of (1). Seeds
-    fly the same episodes, so s of them count as one that has their mean, rounded down.
+    It is Clopper and Pearson's of c n flights, which holds for any share; for several seeds at most that of (1). Seeds
+    fly the same episodes, so s of them count as one that has their mean.
     """
-    seeds, episodes = successes.shape
-    found = stats.binomtest(int(successes.sum()) // seeds, episodes, alternative="greater")
-    return min(float(found.proportion_ci(CONFIDENCE, "exact").low), -_bound(-successes.astype(np.float64)))
+    flights = _flights(successes)
+    n, share = flights[0].size / design_effect(flights), float(flights.mean())
+    exact = special.betaincinv(n * share, n * (1.0 - share) + 1.0, 1.0 - CONFIDENCE) if share else 0.0
+    return min(float(exact), -_bound(-flights.mean(axis=1)))
 
 
 def largest_loss(successes: Booleans, others: Booleans) -> float:
     """Upper one-sided 95 % bound of the share of the others minus that of successes, in the same episodes.
 
-    The shapes are (s, n) and (1, n) or equal. The bound is the largest Δ that the score test of all n pairs does not
-    reject, of which b are lost (only the other succeeds) and c gained:
+    The shapes are (s, n) or (s, c, n), with s = 1 for a controller. The bound is the largest Δ that the score test of
+    all N = c n pairs does not reject, of which b are lost (only the other succeeds) and g gained:
 
-        b − c − nΔ + z √(n (2q + Δ (1 − Δ))) = 0,                                                        (3)
+        b − g − NΔ + z √(N (2q + Δ (1 − Δ))) = 0,                                                        (3)
 
     with the normal quantile z and the maximum-likelihood estimate q of the probability of a gain if the loss is Δ
     (Tango, "Equivalence test and confidence interval for the difference in proportions for the paired-sample design",
-    Statistics in Medicine 1998). Without a discordant pair it is z²/(n + z²), so below 1 % from 268 pairs on. For
-    several seeds it is at least that of (1), with the two additional episodes of `p_proportion`.
+    Statistics in Medicine 1998). Without a discordant pair it is z²/(N + z²), so below 1 % from 268 pairs on. For
+    several seeds, which count as one, it is at least that of (1), with the two additional flights of `p_proportion`.
     """
-    differences = others.astype(np.float64) - successes
-    n, lost, gained = differences.size, int(np.sum(differences > 0.0)), int(np.sum(differences < 0.0))
+    differences = _flights(others) - _flights(successes)
+    counted = len(differences) * design_effect(differences)
+    n, lost, gained = (
+        float(np.sum(x)) / counted for x in (np.ones_like(differences), differences > 0.0, differences < 0.0)
+    )
     z, observed = stats.norm.ppf(CONFIDENCE), (lost - gained) / n
 
     def excess(loss: float) -> float:
         known, linear = loss * (1.0 - loss), (2 * n - lost + gained) * loss - lost - gained
-        q = (np.sqrt(linear**2 + 8.0 * n * gained * known) - linear) / (4.0 * n)
+        q = (np.sqrt(max(linear**2 + 8.0 * n * gained * known, 0.0)) - linear) / (4.0 * n)
         return float(lost - gained - n * loss + z * np.sqrt(max(n * (2.0 * q + known), 0.0)))
 
-    pooled = optimize.brentq(excess, observed + _ROUNDING, 1.0) if observed < 1.0 else 1.0
-    return max(float(pooled), _bound(_with_additional_episodes(differences)))
+    pooled = optimize.brentq(excess, observed + _STEP, 1.0) if observed < 1.0 - _STEP else 1.0
+    return min(max(float(pooled), _bound(_with_two_flights(differences))), 1.0)
 
 
 def _bound(values: Floats) -> float:
@@ -119,9 +147,13 @@ def _bound(values: Floats) -> float:
     return centre + half_width(2.0 * (1.0 - CONFIDENCE))
 
 
-def _with_additional_episodes(differences: Floats) -> Floats:
-    """Append an episode in which only one policy succeeds, and one with the opposite result."""
-    return np.hstack([differences, np.tile([1.0, -1.0], (len(differences), 1))])
+def _with_two_flights(differences: Floats) -> Floats:
+    """Return means over c scenarios, with an episode in one of which only one policy succeeds, and an opposite one.
+
+    The shapes are (s, c, n) and (s, n + 2).
+    """
+    seeds, scenarios, _ = differences.shape
+    return np.hstack([differences.mean(axis=1), np.tile([1.0 / scenarios, -1.0 / scenarios], (seeds, 1))])
 
 
 def _widen_over_seeds(pooled: Interval, values: Floats, least: float) -> Interval:
@@ -227,7 +259,7 @@ def p_proportion(successes: Booleans, others: Booleans) -> float:
     controller may have no failure in its n episodes by chance, and its comparison with many seeds repeats that chance.
     """
     if len(successes) > 1 or len(others) > 1:
-        return p_value(_with_additional_episodes(successes.astype(np.float64) - others))
+        return p_value(_with_two_flights(_flights(successes) - _flights(others)))
     gained, lost = int(np.sum(successes & ~others)), int(np.sum(~successes & others))
     return float(min(1.0, 2.0 * stats.binom.cdf(min(gained, lost), gained + lost, 0.5)))
 

@@ -67,7 +67,8 @@ def ranking_note(comparison: Comparison) -> str:
         too_few(comparison.table)
         or f"A rank needs a survival of at least {LEAST:.0%} in every group of scenarios with 95 % confidence (bound:"
         f" that of the worst group). A policy stands above another only if it survives at most {LOSS:.0%} less with"
-        " 95 % confidence; then the lower error decides. Policies without such an order share a rank."
+        " 95 % confidence; then the lower error decides, which is not tested. Policies without such an order share a"
+        " rank. Levels are those of each policy and pair."
     )
 
 
