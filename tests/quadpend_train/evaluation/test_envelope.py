@@ -77,15 +77,16 @@ def test_an_event_adds_to_a_scenario_and_replaces_nothing_that_it_can_keep() -> 
         wind=[{"kind": "constant", "force": [0.1, 0.0, 0.0]}],
         loop={"latency": [0.01, 0.03], "changes": {"at": [1.0, 2.0], "latency": [0.03, 0.03]}},
         parameters={"quadrotor_mass": [0.4, 0.6], "rod_length": [0.5, 0.6]},
-        task=replace(gentle.task, limits=replace(gentle.task.limits, tracking_error=1.0)),
+        task="track",
         pole_told=True,
         duration=8.0,
     )
     made = {name: event.known for name, event in events(own).items()}
+    assert made.pop(DELAY) == own
     for name, scenario in made.items():
+        assert scenario.task == SCENARIOS[scenario.name].task
         assert own.wind[0] in scenario.wind, name
         assert scenario.duration == 8.0
-        assert scenario.task.limits.tracking_error == 1.0
         assert scenario.loop.latency == (0.01, 0.03)
         assert scenario.loop.changes.latency == (0.03, 0.03)
         assert scenario.parameters.quadrotor_mass == (0.4, 0.6)

@@ -29,7 +29,7 @@ def preflight(
         policy: A policy, as in evaluate.
         vehicle: Vehicle in place of that of the scenario, as in evaluate. It keeps the loop of the scenario.
         scenario: Scenario with the vehicle and the loop as you fly them: interface, period, latency, sensors, and what
-            else disturbs your flights. Events are added to it.
+            else disturbs your flights. Events are added to it, in a hover.
         episodes: Episodes of each run, for each training seed of a learner; a limit takes about six runs.
         seed: Seed of the first episode.
         jobs: Number of processes; the results do not depend on it.

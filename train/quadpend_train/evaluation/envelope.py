@@ -122,10 +122,11 @@ def on(base: Scenario, event: Scenario) -> Scenario:
     """Return another scenario with what the scenario of an event adds to `BASE`, on the vehicle of the other one.
 
     Every field that the event has in common with `BASE` is that of the other scenario. Models of wind, sensors and
-    actuators that `BASE` does not have are appended. Where both scenarios differ from `BASE`, parts such as task and
-    loop are merged field by field, and the event decides about a single number, interval or trajectory: a parameter of
-    the vehicle has one interval, and numbers of a loop change at one time. An event that draws parameters of the pole
-    also decides whether the pole is told, if it is observed.
+    actuators that `BASE` does not have are appended. Where both scenarios differ from `BASE`, loop and parameters are
+    merged field by field, and the event decides about a single number or interval: a parameter of the vehicle has one
+    interval, and numbers of a loop change at one time. The task is that of the event, a hover from rest: only there are
+    a hand beside the reference and a start defined. An event that draws parameters of the pole also decides whether the
+    pole is told, if it is observed.
     """
     gentle = SCENARIOS[BASE]
     if (base.vehicle, base.interface) != (gentle.vehicle, gentle.interface):
@@ -134,7 +135,7 @@ def on(base: Scenario, event: Scenario) -> Scenario:
         nominal = base.simulation.parameters
         base = replace(base, parameters=base.parameters.ranges(nominal))
         event = replace(event, parameters=event.parameters.ranges(nominal))
-    made: Scenario = _merged(base, gentle, event)
+    made: Scenario = _merged(replace(base, task=event.task), gentle, event)
     told = (event if event.parameters else base).pole_told and "pole" in base.observation
     return replace(made, pole_told=told, name=event.name)
 
