@@ -106,10 +106,9 @@ class Scenario:
         """Return the scenario with another vehicle, another command interface, or both.
 
         Forces of the wind are multiplied by the ratio of the weights of the new and the old vehicle, and torques by
-        that of their torque limits about each axis, so that they are as strong for the one as for the other. So are
-        spring and damper of a hand by that of the weights, which leaves its frequencies unchanged. Wind velocities,
-        starts, references, sensors and actuators, which a lab brings, do not change. The name gets vehicle and
-        interface, such as ``"windy · crazyflie · body_rates"``.
+        that of their torque limits about each axis, so that they are as strong for the one as for the other. What a
+        lab brings does not change: wind velocities, starts, references, sensors, actuators, and stiffness and damping
+        of a hand. The name gets vehicle and interface, such as ``"windy · crazyflie · body_rates"``.
 
         None keeps that of the scenario.
         """
