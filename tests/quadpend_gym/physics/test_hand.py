@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import Drawn, Hold, OrnsteinUhlenbeck, Rescaled, Scenario
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.device.control_step import control_step
 from quadpend_gym.envs.world import world_of
 from quadpend_gym.vehicles import Vehicle
 from quadpend_gym.wind import HAND
@@ -135,8 +134,6 @@ def test_the_disturbance_has_the_force_of_the_hand() -> None:
     assert force[2] == 0.0
 
 
-def test_what_has_no_hand_refuses_one() -> None:
+def test_the_papers_vehicle_refuses_a_hand() -> None:
     with pytest.raises(ValueError, match="needs a rigid vehicle"):
         Scenario(wind="hold").make()
-    with pytest.raises(ValueError, match="has no wind 'hold'"):
-        control_step(Scenario(wind="hold", vehicle="hummingbird"))
