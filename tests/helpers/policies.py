@@ -10,42 +10,11 @@ from quadpend_baselines import Policy, controller
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
 from quadpend_train.evaluation.metrics import rows
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
-
-_ERROR_X = OBSERVATION_FIELDS["tracking_error"].start
-
-
-class BiasedADRC:
-    """ADRC that tracks the reference with a constant offset (m) in x."""
-
-    def __init__(self, distance: float) -> None:
-        self.distance, self.adrc = distance, controller("adrc-matched")
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        shifted = observation.copy()
-        shifted[:, _ERROR_X] -= self.distance / float(OBSERVATION_SCALE[_ERROR_X])
-        return self.adrc.predict(shifted, state, episode_start)
-
-
-class NoisyADRC:
-    """ADRC with small random actions added, which depend on the seed."""
-
-    def __init__(self, seed: int) -> None:
-        self.random, self.adrc = np.random.default_rng(seed), controller("adrc-matched")
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        action, memory = self.adrc.predict(observation, state, episode_start)
-        noise = self.random.normal(0.0, 0.02, action.shape)
-        return np.clip(action + noise, -1.0, 1.0).astype(np.float32), memory
 
 
 class ZeroThrust:

@@ -18,9 +18,7 @@ from tests.helpers.envs import (
     run_actions,
 )
 from tests.helpers.viewer import assert_picture
-from tests.helpers.wrappers import SHORT, STACKS, biased_actions, make_wrapped, make_wrapped_vec
-
-stacks = pytest.mark.parametrize("layers", STACKS.values(), ids=STACKS.keys())
+from tests.helpers.wrappers import SHORT, biased_actions
 
 
 @pytest.fixture(autouse=True)
@@ -79,19 +77,6 @@ def test_a_render_mode_changes_no_number(mode: str) -> None:
             assert_same(one.step(action), other.step(action))
             one.render()
     one.close()
-
-
-@stacks
-def test_wrapped_environments_render_and_keep_their_numbers(layers: Any) -> None:
-    one, other = make_wrapped(layers, render_mode="rgb_array"), make_wrapped(layers)
-    assert_same(one.reset(seed=1), other.reset(seed=1))
-    assert_same(run_actions(one, draw_actions(1, 5)), run_actions(other, draw_actions(1, 5)))
-    assert_picture(one.render())
-    rows = make_wrapped_vec(2, layers, render_mode="rgb_array")
-    rows.reset(seed=1)
-    run_actions(rows, draw_actions(1, 5, 2))
-    for frame in rows.render():
-        assert_picture(frame)
 
 
 def test_render_before_reset_raises_reset_needed() -> None:
