@@ -82,16 +82,6 @@ class State:
         """Azimuth β of the pendulum, rad in (−π, π], shape (...); undefined at α = 0."""
         return np.asarray(np.arctan2(self.direction[..., 1], self.direction[..., 0]))
 
-    @property
-    def alpha_x(self) -> Floats:
-        """Angle of the pendulum's projection on the x–z plane from upright, rad, shape (...)."""
-        return np.asarray(np.arctan2(self.direction[..., 0], self.direction[..., 2]))
-
-    @property
-    def alpha_y(self) -> Floats:
-        """Angle of the pendulum's projection on the y–z plane from upright, rad, shape (...)."""
-        return np.asarray(np.arctan2(self.direction[..., 1], self.direction[..., 2]))
-
 
 @dataclass(frozen=True)
 class Disturbance:
