@@ -8,6 +8,7 @@ a ∈ [−1, 1]⁴ in different ways, with the action scale κ:
 |------------------|--------------------------------------------------------------------------------------------------|
 | `EstimateOnly`   | (1)  a                                                                                           |
 | `MemoryOnly`     | (1)  a; the base controller does not fly: it is the teacher                                      |
+| `LabOnly`        | (1)  a, likewise                                                                                 |
 | `HistoryOnly`    | (1)  a; there is no base controller                                                              |
 | `ResidualAction` | (2)  clip(a_base + κ a, −1, 1)                                                                   |
 
@@ -22,7 +23,7 @@ The policy's observation contains, in this order,
 | filtered innovations, see `innovations`; with ``EstimateOnly(innovations=True)`` only   | 32       | its own    |
 
 With ``EstimateOnly(deviations=True)`` the inputs of `deviations` take the place of the first two parts. `MemoryOnly`
-has the inputs of `memory` alone, `HistoryOnly` those of `history`.
+has the inputs of `memory` alone, `LabOnly` those of `lab`, `HistoryOnly` those of `history`.
 
 `ResidualAction` multiplies the part of the observation that depends on the state, and the base controller's action, by
 ten, because the base controller keeps these values small.
@@ -42,6 +43,7 @@ from quadpend_baselines.estimation.measurement import errors_of
 from quadpend_baselines.hybrid.deviations import deviation_part
 from quadpend_baselines.hybrid.history import history_part
 from quadpend_baselines.hybrid.innovations import innovations_part
+from quadpend_baselines.hybrid.lab import lab_part
 from quadpend_baselines.hybrid.memory import memory_part
 from quadpend_baselines.hybrid.parts import (
     InputPart,
@@ -78,7 +80,8 @@ class Hybrid:
     """A base controller combined with a policy."""
 
     kind: ClassVar[str]  # the key of the class in `HYBRIDS`
-    reads: ClassVar[Literal["estimates", "measurements"]] = "estimates"  # what the policy's observation is made of
+    # What the policy's observation is made of; measurements are errors, or with "lab" those of `LAB` in the world
+    reads: ClassVar[Literal["estimates", "measurements", "lab"]] = "estimates"
     flies_load: ClassVar[bool] = False  # whether it also flies a hanging pendulum
     observers: ClassVar[tuple[ObserverKind, ...]] = ("kalman", "deso")  # those of the base controllers that it takes
     base_controller: Any  # one of `quadpend_baselines.CONTROLLERS`, or an object
@@ -127,7 +130,8 @@ class Hybrid:
             The policy's observation, shape (n, m) with m from `observation_size`, and the memory for `act`.
         """
         base, rows = self.controller, len(observation)
-        errors = errors_of(observation, self._vehicle) if base.loop.in_world else observation
+        has_errors = self.reads == "lab" or not base.loop.in_world
+        errors = observation if has_errors else errors_of(observation, self._vehicle)
         parts = self.parts(errors.shape[1])
         if memory is None:
             updated, action = base.update(observation, None, episode_start), np.zeros((rows, ACTION_SIZE), np.float32)
@@ -277,6 +281,26 @@ class MemoryOnly(Hybrid):
 
 
 @settings
+class LabOnly(MemoryOnly):
+    """Hybrid whose policy acts alone, equation (1), on the observation `LAB` and a memory of it, see `lab`."""
+
+    kind: ClassVar[str] = "lab_only"
+    reads = "lab"
+
+    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
+        """Return this hybrid with its teacher, which reads `LAB`, too."""
+        return Hybrid.designed_for(self, simulation, loop)
+
+    def flown_in(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
+        """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
+        return replace(self, base_controller=NoController(simulation, loop))
+
+    def parts(self, size: int) -> tuple[InputPart, ...]:
+        """Return the parts of the policy's observation; see `Hybrid.parts`."""
+        return (lab_part(self.controller.simulation),)
+
+
+@settings
 class HistoryOnly(Hybrid):
     """Hybrid whose policy acts alone, equation (1), on the latest observations and actions, see `history`.
 
@@ -334,7 +358,9 @@ class ResidualAction(Hybrid):
         return np.clip(base_action + np.float32(self.action_scale) * action, -1.0, 1.0)
 
 
-HYBRIDS: dict[str, type[Hybrid]] = {kind.kind: kind for kind in (EstimateOnly, MemoryOnly, HistoryOnly, ResidualAction)}
+HYBRIDS: dict[str, type[Hybrid]] = {
+    kind.kind: kind for kind in (EstimateOnly, MemoryOnly, LabOnly, HistoryOnly, ResidualAction)
+}
 
 
 def hybrid_from_data(data: Any) -> Hybrid:

@@ -57,6 +57,8 @@ class VectorHybridWrapper(VectorWrapper):
             raise ValueError(
                 f"a hybrid {found.kind!r} reads errors: give the environment observation='output_feedback'"
             )
+        if layout != LAB and found.reads == "lab":
+            raise ValueError(f"a hybrid {found.kind!r} reads positions: give the environment observation='lab'")
         named = isinstance(found.base_controller, str)
         made = found.designed_for if teaches else found.flown_in
         loop = replace(loop or Loop(), observation=as_layout(layout))

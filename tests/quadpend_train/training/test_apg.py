@@ -25,6 +25,9 @@ from tests.helpers.training import train_policy, trained_arrays
 LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
 CURVE = {"kind": "sinusoids", "terms": [{"amplitude": 0.3, "frequency": 1.0}]}
 WITHOUT_RATES = json.dumps({"wind": "windy", "observation": "output_feedback"})
+IN_LAB = json.dumps(
+    {"wind": "windy", "observation": "lab", "sensors": {"kind": "bursts", "length": [0.05, 0.05], "pause": [0.1, 0.1]}}
+)
 JUMPING = json.dumps({"task": {"trajectory": CURVE, "jumps": {"distance": [0.1, 0.1]}}})
 DELAYED = json.dumps({"sensors": {"kind": "delay", "steps": 3}})
 BRIEF = TrainSettings(
@@ -85,11 +88,12 @@ def test_the_cost_of_a_step_has_the_reference_after_its_jump() -> None:
     [
         ("calm", HybridSettings(), 0.0),
         (WITHOUT_RATES, HybridSettings("lqg", "memory_only"), 0.02),
+        (IN_LAB, HybridSettings("lqg", "lab_only"), 0.02),
         ("calm", HybridSettings("flatness"), 0.02),
         (LAGGED, HybridSettings("flatness"), 0.02),
         (DELAYED, HybridSettings("flatness"), 0.02),
     ],
-    ids=["alone", "memory", "observer", "lagged", "delayed"],
+    ids=["alone", "memory", "lab", "observer", "lagged", "delayed"],
 )
 def test_gradient_of_the_cost_equals_a_finite_difference(
     scenario: str, hybrid: HybridSettings, tolerance: float
@@ -214,7 +218,7 @@ def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
         ),
         (
             {"hybrid": HybridSettings("flatness", "residual_action")},
-            "mode must be one of estimate_only, memory_only with algo 'apg'",
+            "mode must be one of estimate_only, memory_only, lab_only with algo 'apg'",
         ),
     ],
     ids=str,

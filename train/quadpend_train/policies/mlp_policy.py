@@ -82,6 +82,8 @@ class MlpPolicy(Policy):
         self.hybrid: Hybrid | None = None if read.hybrid is None else hybrid_from_data(read.hybrid)
         self._activation, self._normalization = ACTIVATIONS[read.activation], read.normalization
         layouts = (as_layout(read.observation),) if read.observation else (FULL, OUTPUT_FEEDBACK)
+        if self.hybrid and self.hybrid.reads == "lab":
+            layouts = (LAB,)
         sizes = [self.hybrid.observation_size(layout.size) if self.hybrid else layout.size for layout in layouts]
         inputs = len(self.layers[0][0]) / (1 + len(self.input_scales))
         self.layouts = tuple(layout for layout, size in zip(layouts, sizes, strict=True) if size == inputs)

@@ -72,7 +72,7 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
 def observed_scenarios(settings: TrainSettings) -> list[Scenario]:
     """Return the scenarios of a run as its learner observes them: without an observer, errors in place of `LAB`."""
     data = settings.hybrid.as_data()
-    if data is not None and hybrid_from_data(data).reads == "estimates":
+    if data is not None and hybrid_from_data(data).reads != "measurements":
         return list(settings.scenarios)
     return [
         replace(item, observation=OUTPUT_FEEDBACK) if item.observation == LAB else item for item in settings.scenarios

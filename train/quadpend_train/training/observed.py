@@ -50,7 +50,7 @@ class Observer(NamedTuple):
         """Return the observer of a hybrid; None: there is no hybrid."""
         if hybrid is None:
             return cls(None, layout, (), size)
-        if hybrid.reads == "measurements":
+        if hybrid.reads != "estimates":
             return cls(None, layout, hybrid.parts(size), size)
         if hybrid.controller.observer == "kalman":
             return cls(hybrid.controller.estimator, layout, hybrid.parts(size), size)

@@ -33,7 +33,7 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import arguments as sb3
 
 PRESETS = Path(__file__).with_name("presets")
-ALONE = "estimate_only", "memory_only"  # modes in which the policy acts alone
+ALONE = "estimate_only", "memory_only", "lab_only"  # modes in which the policy acts alone
 _INPUTS = "situation", "deviations", "innovations"
 _GONE = {"action_repeat": 1, "fallback_gain": 0.0}  # settings of a hybrid on older cards, with the value that remains
 
@@ -44,10 +44,10 @@ class HybridSettings:
 
     base_controller: str = ""
     """Name of the base controller; empty for a policy without a base controller."""
-    mode: Literal["estimate_only", "memory_only", "residual_action"] = "estimate_only"
+    mode: Literal["estimate_only", "memory_only", "lab_only", "residual_action"] = "estimate_only"
     """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. memory_only: it
-    acts alone, on a memory of the measurements; the base controller is its teacher. residual_action: it is added to the
-    base controller's action."""
+    acts alone, on a memory of the measured errors; the base controller is its teacher. lab_only: the same for the
+    observation lab. residual_action: it is added to the base controller's action."""
     situation: bool = False
     """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
     estimate_only."""
@@ -78,7 +78,7 @@ class HybridSettings:
         if observed and self.mode != "estimate_only":
             raise ValueError("situation, deviations and innovations need the mode 'estimate_only'")
         if self.imitation_timesteps and not alone:
-            raise ValueError("imitation_timesteps needs the mode 'estimate_only' or 'memory_only'")
+            raise ValueError(f"imitation_timesteps needs a mode of {', '.join(ALONE)}")
         if self.failure_penalty and not self.baseline_relative_reward:
             raise ValueError("failure_penalty needs baseline_relative_reward")
 

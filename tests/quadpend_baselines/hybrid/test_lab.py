@@ -1,0 +1,72 @@
+"""A memory of the observation `LAB` as inputs of a network: relative, and without samples that tell nothing new."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadpend_baselines.hybrid import LabOnly, VectorHybridWrapper
+from quadpend_gym.scenarios import find_scenario
+from quadpend_gym.tasks.observation import LAB
+
+SCENARIO = replace(find_scenario("flight_training_motion"), sensors=())
+POSITION, DIRECTION, ORIENTATION = (LAB.columns[name] for name in ("position", "direction", "quaternion"))
+LAGS, SINCE = slice(12, 72), 80
+
+
+def seen_in(observations: Any) -> Any:
+    """Return the inputs for observations in turn, shape (steps, n, 83), while zero actions are applied."""
+    hybrid, memory, out = LabOnly().flown_in(SCENARIO.simulation), None, []
+    for step, observation in enumerate(observations):
+        seen, memory = hybrid.observe(observation, memory, np.full(len(observation), step == 0))
+        memory = hybrid.act(np.zeros((len(observation), 4), np.float32), memory)[1]
+        out.append(seen)
+    return np.array(out)
+
+
+@pytest.fixture(scope="module")
+def flown() -> Any:
+    """Return observations of a fall along a reference, shape (12, 1, 36)."""
+    env, idle = SCENARIO.make_vec(1), np.zeros((1, 4), np.float32)
+    return np.array([env.reset(seed=3)[0], *(env.step(idle)[0] for _ in range(11))])
+
+
+def test_the_inputs_do_not_depend_on_place_and_heading(flown: Any) -> None:
+    moved, angle = flown.copy(), 0.7
+    sine, cosine = np.sin(angle), np.cos(angle)
+    for name in LAB:
+        first = LAB.columns[name].start
+        if name in ("position", "direction") or name.startswith("reference"):
+            x, y = flown[..., first], flown[..., first + 1]
+            moved[..., first], moved[..., first + 1] = cosine * x - sine * y, sine * x + cosine * y
+    for first in (POSITION.start, LAB.columns["reference_0"].start):
+        moved[..., first : first + 3] += np.array([20.0, -8.0, 5.0])
+    moved[..., LAB.columns["yaw_reference"].start] += angle
+    w, x, y, z = np.moveaxis(flown[..., ORIENTATION], -1, 0)
+    c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    moved[..., ORIENTATION] = np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=-1)
+    np.testing.assert_allclose(seen_in(moved), seen_in(flown), atol=5e-3)  # 2e-6 m is 4e-5, and 1e-6/0.02 · that a lag
+
+
+def test_samples_that_repeat_or_lie_far_away_are_not_taken(flown: Any) -> None:
+    expected = seen_in(flown)
+    assert (expected[..., SINCE] == 0.0).all() and np.abs(expected[-1, :, LAGS]).max() > 0.05
+    for disturbed in ("repeated", "far"):
+        given = flown.copy()
+        state = [POSITION, ORIENTATION, DIRECTION]
+        for columns in state:
+            given[5:8, :, columns] = flown[4, :, columns]
+        if disturbed == "far":
+            given[5:8, :, POSITION.start] += 1.0
+        seen = seen_in(given)
+        np.testing.assert_array_equal(seen[7, :, :8], seen[4, :, :8])
+        np.testing.assert_allclose(seen[7, :, SINCE], 0.03 / 0.05, rtol=1e-6)
+        np.testing.assert_allclose(seen[8, :, :8], expected[8, :, :8], rtol=1e-6)
+        np.testing.assert_allclose(seen[8, :, LAGS], expected[8, :, LAGS], atol=0.1 * np.abs(expected[8]).max())
+
+
+def test_the_environment_must_have_positions() -> None:
+    scenario = replace(SCENARIO, observation="output_feedback")
+    with pytest.raises(ValueError, match="give the environment observation='lab'"):
+        VectorHybridWrapper(scenario.make_vec(1), LabOnly())
