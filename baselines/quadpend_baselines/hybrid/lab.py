@@ -10,18 +10,18 @@ with x as a line between two samples, are
     (1)  |p − p⁻| < 0.03 m + 3 m/s · g                     ⁻: at the last sample
     (2)  L = e^{−g/τ} L⁻ + (1 − e^{−g/τ}) τ/g (x − x⁻),    τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   L = 0 at the start
 
-L is about τ ẋ where x changes slowly. From it a network can infer velocities, the response to its actions, mean wind and
-biases.
+L is about τ ẋ where x changes slowly. From it a network can infer velocities, the response to its actions, mean wind
+and biases.
 
-| part                                                                                        | size | scale              |
-|---------------------------------------------------------------------------------------------|------|--------------------|
-| m: tracking error (m); r_x r_y and φ θ less those of the trajectory; ψ_e (rad)              | 8    | 0.05 m, 0.05, 0.1  |
-| a_{k−1} − a_d; g is T for it                                                                | 4    | 0.2                |
-| L for each τ                                                                                | 60   | as m and action    |
-| a_d                                                                                         | 4    | 1                  |
-| acceleration of the reference in the axes of the heading, and the rate of its yaw           | 4    | 2 m/s², 1 rad/s    |
-| time since the last sample                                                                  | 1    | 0.05 s             |
-| believed length and mass of the pole                                                        | 2    | of the observation |
+| part                                                                                     | size | scale              |
+|------------------------------------------------------------------------------------------|------|--------------------|
+| m: tracking error (m); r_x r_y and φ θ less those of the trajectory; ψ_e (rad)           | 8    | 0.05 m, 0.05, 0.1  |
+| a_{k−1} − a_d; g is T for it                                                             | 4    | 0.2                |
+| L for each τ                                                                             | 60   | as m and action    |
+| a_d                                                                                      | 4    | 1                  |
+| acceleration of the reference in the axes of the heading, and the rate of its yaw        | 4    | 2 m/s², 1 rad/s    |
+| time since the last sample                                                               | 1    | 0.05 s             |
+| believed length and mass of the pole                                                     | 2    | of the observation |
 """
 
 from typing import Any

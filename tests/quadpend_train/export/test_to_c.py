@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from experiments.deploy import check
+from quadpend_baselines.hybrid.lab import LAB_SIZE
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
@@ -60,6 +61,7 @@ ON_ADRC = {"kind": "estimate_only", "base_controller": "adrc-matched"}
         (OUTPUT_FEEDBACK_SIZE, None),
         (3 * OUTPUT_FEEDBACK_SIZE + 8, HISTORY),
         (OUTPUT_FEEDBACK_SIZE + 9, ON_ADRC),
+        (LAB_SIZE, {"kind": "lab_only", "base_controller": "lqg"}),
         (OBSERVATION_SIZE + 13, {**RESIDUAL_ACTION, "base_controller": "lqi"}),
     ],
 )

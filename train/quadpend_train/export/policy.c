@@ -9,7 +9,7 @@ static inline real q_min(real a, real b) { return a < b ? a : b; }
 static inline real q_max(real a, real b) { return a > b ? a : b; }
 
 #define SEEN 37 /* numbers of a sample and a reference */
-#define ERRORS 27 /* numbers of the observation of tracking errors */
+#define READ @read@ /* numbers of the observation that a network reads */
 #define KALMAN @kalman@
 #define ADRC @adrc@
 #define NETWORK @network@
@@ -83,14 +83,14 @@ static void act(@name@_policy *policy) {
   copy(2, target->pole, observed + 35);
   for (int i = 0; i < SEEN; ++i) observed[i] = single(observed[i] / UNITS[i]);
 #if NETWORK
-  real errors[ERRORS];
-  to_errors(observed, errors);
-  for (int i = 0; i < ERRORS; ++i) errors[i] = single(errors[i]);
+  real read[READ];
+  observe(observed, read);
+  for (int i = 0; i < READ; ++i) read[i] = single(read[i]);
 #endif
 #if KALMAN || ADRC
   const real *seen_now = observed;
 #else
-  const real *seen_now = errors;
+  const real *seen_now = read;
 #endif
   if (!policy->running) {
     begin(seen_now, memory);
@@ -141,7 +141,7 @@ static void act(@name@_policy *policy) {
 #endif
 #if NETWORK
   real seen[INPUTS];
-  inputs(errors, memory, later, action, policy->extra, seen, extra);
+  inputs(read, memory, later, action, policy->extra, seen, extra);
   copy(EXTRA, extra, policy->extra);
   network(seen, policy->output);
 #endif

@@ -70,31 +70,35 @@ class _Base(NamedTuple):
 
 
 def program(policy: Any, simulation: Simulation, read: Sequence[int]) -> Program:
-    """Return the control step of an adapted policy, which reads these columns of the observation of errors."""
+    """Return the control step of an adapted policy, which reads these columns of the observation of errors or `LAB`."""
     hybrid = policy.hybrid if isinstance(policy, MlpPolicy) else None
-    base = _base(policy if hybrid is None else hybrid.controller)
+    reads_lab = hybrid is not None and hybrid.reads == "lab"
+    size = LAB.size if reads_lab else OUTPUT_FEEDBACK_SIZE
+    base = _base(policy if hybrid is None else hybrid.controller, size)
     if not isinstance(policy, MlpPolicy):
         return _with_law(base)
     if hybrid is None:
-        found = _with_network(base, read, (observed_part(range(len(read))),), EstimateOnly)
+        found = _with_network(base, size, read, (observed_part(range(len(read))),), EstimateOnly)
     else:
-        found = _with_network(base, read, hybrid.parts(len(read)), type(hybrid), hybrid)
+        found = _with_network(base, size, read, hybrid.parts(len(read)), type(hybrid), hybrid)
     p = simulation.parameters
-    to_errors = function("to_errors", lambda observed: {"errors": errors(observed, p)}, observed=LAB.size)
-    return found._replace(functions={"to_errors": to_errors, **found.functions})
+
+    def observe(observed: Any) -> dict[str, Any]:
+        return {"read": observed if reads_lab else errors(observed, p)}
+
+    return found._replace(functions={"observe": function("observe", observe, observed=LAB.size), **found.functions})
 
 
-def _base(controller: Any) -> _Base:
-    """Return a base controller, or for a network alone none."""
+def _base(controller: Any, size: int) -> _Base:
+    """Return a base controller, or for a network alone none; a network observes `size` numbers."""
     observer = getattr(controller, "observer", "none")
     if observer == "deso":
         return _with_control(_deso(controller.estimator), controller, lift(deso.shift))
     if observer == "kalman":
         return _with_control(_kalman(controller.estimator), controller, lambda *_: None)
-    size = OUTPUT_FEEDBACK_SIZE  # the memory is the observation
-    functions = {
-        "begin": function("begin", lambda errors: {"memory": errors}, errors=size),
-        "correct": function("correct", lambda memory, errors: {"next": errors}, memory=size, errors=size),
+    functions = {  # the memory is what the network observes
+        "begin": function("begin", lambda read: {"memory": read}, read=size),
+        "correct": function("correct", lambda memory, read: {"next": read}, memory=size, read=size),
     }
     observer = Program(functions, [], size, 0, 0, 0, 1.0)
     return _Base(
@@ -223,20 +227,20 @@ def _with_law(base: _Base) -> Program:
 
 
 def _with_network(
-    base: _Base, columns_read: Sequence[int], parts: tuple[InputPart, ...], kind: Any, hybrid: Any = None
+    base: _Base, size: int, columns_read: Sequence[int], parts: tuple[InputPart, ...], kind: Any, hybrid: Any = None
 ) -> Program:
-    """Return the step of a network with these inputs, in a hybrid of a kind."""
+    """Return the step of a network with these inputs of `size` numbers, in a hybrid of a kind."""
     acts = kind is ResidualAction  # the base controller, before the network
     own_size = sum(part.memory_size for part in parts)
     starts = np.cumsum([0, own_size, base.law_size * acts, ACTION_SIZE]).tolist()
 
-    def inputs(errors: Any, memory: Any, later: Any, action: Any, extra: Any) -> dict[str, Any]:
+    def inputs(read: Any, memory: Any, later: Any, action: Any, extra: Any) -> dict[str, Any]:
         own, law_memory, base_action = ca.vertsplit(extra, starts)
         after = base.arrived(memory, later)
         if acts:
             base_action, law_memory = base.control(after, law_memory)
         given = action, base_action, vector(base.seen(row(memory))), base.seen(after)
-        seen, own = seen_by(parts, errors[columns_read], *given, own)
+        seen, own = seen_by(parts, read[columns_read], *given, own)
         return {"seen": seen, "next_extra": ca.vertcat(own, law_memory, base_action)}
 
     def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:
@@ -246,9 +250,7 @@ def _with_network(
     sizes = {"memory": base.observer.memory, "later": base.observer.estimate or base.observer.memory}
     functions = {
         **base.observer.functions,
-        "inputs": function(
-            "inputs", inputs, errors=OUTPUT_FEEDBACK_SIZE, **sizes, action=ACTION_SIZE, extra=starts[-1]
-        ),
+        "inputs": function("inputs", inputs, read=size, **sizes, action=ACTION_SIZE, extra=starts[-1]),
         "law": function("law", law, **sizes, extra=starts[-1], output=ACTION_SIZE),
     }
     return base.observer._replace(functions=functions, extra=starts[-1])

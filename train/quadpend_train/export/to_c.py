@@ -93,6 +93,7 @@ def export_c(
         "network": int(is_network),
         "memory": found.memory,
         "extra": found.extra,
+        "read": found.functions["observe"].size1_out(0),
         "estimate": found.estimate,
         "parts": len(found.parts),
         "checked": found.checked,
@@ -160,11 +161,13 @@ def scenario_for(policy: Policy, name: str) -> str:
 
 
 def _inner(adapted: Any) -> tuple[Any, list[int]]:
-    """Return a policy, and the columns of the observation of errors that it reads."""
+    """Return a policy, and the columns of the observation of errors, or of `LAB`, that it reads."""
     read: Any = slice(None)
     if isinstance(adapted, FedErrors):
         adapted, read = adapted.policy, adapted.read
-    return adapted, np.arange(OUTPUT_FEEDBACK_SIZE)[read].tolist()
+    hybrid = getattr(adapted, "hybrid", None)
+    size = LAB.size if hybrid is not None and hybrid.reads == "lab" else OUTPUT_FEEDBACK_SIZE
+    return adapted, np.arange(size)[read].tolist()
 
 
 def _base(policy: Any) -> Any:
