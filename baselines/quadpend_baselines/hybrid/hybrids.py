@@ -65,6 +65,7 @@ from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 
 ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
+Reads = Literal["estimates", "measurements", "lab"]
 
 
 class HybridMemory(NamedTuple):
@@ -81,7 +82,7 @@ class Hybrid:
 
     kind: ClassVar[str]  # the key of the class in `HYBRIDS`
     # What the policy's observation is made of; measurements are errors, or with "lab" those of `LAB` in the world
-    reads: ClassVar[Literal["estimates", "measurements", "lab"]] = "estimates"
+    reads: ClassVar[Reads] = "estimates"
     flies_load: ClassVar[bool] = False  # whether it also flies a hanging pendulum
     observers: ClassVar[tuple[ObserverKind, ...]] = ("kalman", "deso")  # those of the base controllers that it takes
     base_controller: Any  # one of `quadpend_baselines.CONTROLLERS`, or an object
@@ -258,7 +259,7 @@ class MemoryOnly(Hybrid):
     """
 
     kind: ClassVar[str] = "memory_only"
-    reads = "measurements"
+    reads: ClassVar[Reads] = "measurements"
     observers: ClassVar[tuple[ObserverKind, ...]] = (*Hybrid.observers, "none")
     base_controller: Any = "lqg"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
 
