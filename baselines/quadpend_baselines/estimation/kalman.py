@@ -73,7 +73,6 @@ from quadpend_baselines.modelling.quantities import (
     VehicleState,
     calm,
     combine,
-    limit_length,
     load_forces,
     load_reference,
     load_state,
@@ -88,14 +87,11 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import STATE_SIZE
-from quadpend_gym.physics.vectors import Vec3, add, load, scale, store, store_four
+from quadpend_gym.physics.vectors import Vec3, load, scale, store, store_four
 
 _VARYING_STEPS = 100  # corrections after which the gain is constant
 MAX_ESTIMATE = 300.0  # SI units, limit of disturbance estimates; a larger state estimate restarts the observer
 _LEAST_MASS, _GREATEST_MASS = 0.5, 2.0  # bounds of μ̂
-# Bounds of the horizontal forces on quadrotor and bob of a rigid vehicle, shares of the weight and of that of the bob:
-# winds of training have a third of them; a hand that holds the pole has more, and what it leaves must fade soon.
-_STRONGEST, _STRONGEST_AT_BOB = 0.3, 0.75
 _GUST = 0.02  # force on the bob above which equation (4) has the gain of strong wind, share of its weight
 _MODEL_PARTS = linear_model.MODEL_FORCE, linear_model.MODEL_BOB_FORCE, linear_model.MODEL_TORQUE
 _FORCE, _BOB_FORCE, _TORQUE = (MODEL_STATE_SIZE + part.start for part in _MODEL_PARTS)
@@ -198,13 +194,9 @@ def correct(
     memory[MASS_RATIO, lane] = min(max(ratio - mass_share * force_z / weight, _LEAST_MASS), _GREATEST_MASS)
     force_z += (memory[MASS_RATIO, lane] - ratio) * weight
     memory[AGE, lane] += 1.0
-    pushed, bob_pushed = add(d.force, force), add(d.bob_force, bob_force)
-    if rigid is not None:
-        pushed = limit_length(pushed, _STRONGEST * weight)
-        bob_pushed = limit_length(bob_pushed, _STRONGEST_AT_BOB * (p.bob_mass + memory[POLE + 1, lane]) * p.gravity)
     forces = Forces(
-        Vec3(_bounded(pushed.x), _bounded(pushed.y), force_z),
-        Vec3(_bounded(bob_pushed.x), _bounded(bob_pushed.y), d.bob_force.z),
+        Vec3(_bounded(d.force.x + force.x), _bounded(d.force.y + force.y), force_z),
+        Vec3(_bounded(d.bob_force.x + bob_force.x), _bounded(d.bob_force.y + bob_force.y), d.bob_force.z),
         Vec3(_bounded(d.torque.x + torque.x), _bounded(d.torque.y + torque.y), _bounded(d.torque.z + torque.z)),
     )
     store_vectors(memory, DISTURBANCE, lane, forces)
