@@ -56,6 +56,7 @@ PLANTS = {
     "baselines/quadpend_baselines/controllers/flatness.py",
     "baselines/quadpend_baselines/controllers/lqg.py",
     "baselines/quadpend_baselines/controllers/lqr.py",
+    "baselines/quadpend_baselines/hybrid/lab.py",
     "train/quadpend_train/common/lifted.py",
 }
 

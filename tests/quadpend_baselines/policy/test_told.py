@@ -31,7 +31,8 @@ def test_each_row_flies_the_design_for_the_length_of_its_pole() -> None:
 def test_a_pole_that_is_told_is_flown_and_one_that_is_not_falls() -> None:
     survived = []
     for is_told in (False, True):
-        scenario = as_scenario("flight_breeze", parameters=POLES, pole_told=is_told, observation=FIELDS, duration=5.0)
+        poles = {**POLES, "share": 0.75}
+        scenario = as_scenario("flight_breeze", parameters=poles, pole_told=is_told, observation=FIELDS, duration=5.0)
         survived.append(run_episodes([controller("flatness")], scenario, 30, seed=7).survived.mean())
     assert survived[0] < 0.95
     assert survived[1] == 1.0

@@ -159,7 +159,10 @@ def test_models_of_own_code_are_kept_by_the_names_of_their_factories_alone(
         ({"hybrid": {"mode": "residual_action"}}, "a hybrid needs a base_controller"),
         ({"hybrid": {"base_controller": "lqr", "action_repeat": 2}}, "has no field 'action_repeat'"),
         ({"hybrid": {"base_controller": "lqr", "failure_penalty": 3.0}}, "needs baseline_relative_reward"),
-        ({"hybrid": {"base_controller": "lqr", "mode": "residual_action", "imitation_timesteps": 1}}, "needs the mode"),
+        (
+            {"hybrid": {"base_controller": "lqr", "mode": "residual_action", "imitation_timesteps": 1}},
+            "needs a mode of",
+        ),
         ({"scenarios": "test"}, "scenarios cannot be 'test', which is held out"),
         ({"scenarios": ["calm", "storm"]}, "scenarios cannot be 'storm', which is held out"),
         ({"scenarios": {"wind": "storm"}}, "which is held out with 'storm'"),
