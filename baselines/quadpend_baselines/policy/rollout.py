@@ -15,7 +15,6 @@ class RolloutStep(NamedTuple):
 
     active: Booleans  # sub-environments whose first episode includes this step, shape (n,)
     action: Floats32  # shape (n, 4)
-    memory: Any  # memory of the policy after it has chosen the action
     reward: Floats  # shape (n,)
     tracking_error: Floats  # after the step, m, shape (n, 3)
     tilt: Floats  # angle of the pendulum from its side after the step, rad, shape (n,)
@@ -47,5 +46,5 @@ def rollout(
         if started.any():  # after a same-step autoreset, `info` describes the next episode
             for name, values in measured.items():
                 values[started] = info["final_info"][name][started]
-        yield RolloutStep(active, action, memory, reward, **measured, terminated=terminated, truncated=truncated)
+        yield RolloutStep(active, action, reward, **measured, terminated=terminated, truncated=truncated)
         active = active & ~started

@@ -23,7 +23,7 @@ def test_what_is_not_enough_is_named_and_the_rest_is_flown_in_the_order_of_its_r
     }
     sheet = DataSheet([("largest thrust", "2.00 weights", "1.3", 1.54, np.nan)], all_events, limits)
     assert sheet.sentences()[1:] == [
-        "Warning: flights fell at everyday strength or below it: push",
+        "Warning: not shown to survive everyday strength: push",
         "Smallest reserves: jump (1.5 times), gust (3 times)",
         "Fly first: hover in still air; then, up to 0.5 of the limits and everyday strength, jump 0.75 m",
     ]

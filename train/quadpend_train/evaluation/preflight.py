@@ -58,7 +58,7 @@ class DataSheet:
         weak = [name for name, ratio in ratios.items() if ratio < 1.0]
         out = [NOTE, *(f"Warning: not enough {name}" for name in short)]
         if weak:
-            out.append(f"Warning: flights fell at everyday strength or below it: {', '.join(weak)}")
+            out.append(f"Warning: not shown to survive everyday strength: {', '.join(weak)}")
         failed = [name for name in weak if self.limits[name].value < self.events[name].everyday]
         if short or any(not self.events[name].commanded for name in failed):  # what no pilot can leave out
             return [*out, "Fly first: nothing; mend what is not enough, or take another policy"]

@@ -254,7 +254,7 @@ def p_proportion(successes: Booleans, others: Booleans) -> float:
     """p-value of the hypothesis that two shares of successes are equal, shapes (s, n) and (1, n) or equal.
 
     For one seed of both it is the randomisation test over all choices of signs, which is McNemar's exact test. For
-    several seeds it is `p_value` with two additional episodes: one in which all seeds of the first policy succeed and
+    several seeds it is `p_value` with two additional flights: one in which all seeds of the first policy succeed and
     the other fails, and one with the opposite result. They prevent a false rejection where failures are rare: a
     controller may have no failure in its n episodes by chance, and its comparison with many seeds repeats that chance.
     """

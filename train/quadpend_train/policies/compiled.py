@@ -82,8 +82,6 @@ class CPolicy(Policy):
                     f"{self.path} was written for the {name.lower()} {self.designed[name]}, not {value}: export it for"
                     " this scenario"
                 )
-        if not set(LAB) <= set(scenario.observation):
-            raise ValueError(f"{self.path} reads what a lab measures: give the scenario the observation 'lab'")
         other = copy(self)
         other.scale = simulation.command_scale
         return fed_by_name(other, scenario)

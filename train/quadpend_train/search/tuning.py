@@ -2,11 +2,12 @@
 
 The score is the penalised RMSE in mm, averaged over the episodes and then over the scenarios, by default those of the
 set ``training``. The scenarios must have the same nominal simulation, for which the controllers are designed. A fall
-counts as 1 m, the largest possible value of an episode. The search (CMA-ES of Optuna) starts from the present gains,
-and minimises a loss that adds a larger term for an earlier fall. So the search also makes progress between gains with
-which every episode ends in a fall. Few episodes flatter the best of many trials. So the gains of the best trials are
-rounded to three digits and flown again, beside the present ones, in more and other episodes; those with the smallest
-loss are chosen, and scored in episodes that nothing has used.
+counts as 1 m, the largest possible value of an episode. The search (CMA-ES of Optuna) starts from the present gains
+(for rigid vehicles those of the hummingbird, scaled), and minimises a loss that adds a larger term for an earlier
+fall. So the search also makes progress between gains with which every episode ends in a fall. Few episodes flatter the
+best of many trials. So the gains of the best trials are rounded to three digits and flown again, beside the present
+ones, in more and other episodes; those with the smallest loss are chosen, and scored in episodes that nothing has
+used.
 
 The search space of a controller can ask for a delay margin, by which all its actions can come later than expected
 before the loop at hover is unstable (`quadpend_baselines.modelling.linear_loop`, which needs the extra `control`).
@@ -46,11 +47,8 @@ from quadpend_train.search.shared import SPACES, finished, open_study, run_trial
 from quadpend_train.training.environment import concatenate_scenarios
 
 CHOICE_SEED, SCORE_SEED = TUNING_SEED + 50_000, TUNING_SEED + 100_000  # of the first episodes of choice and score
-CHOICE_EPISODES, SCORE_EPISODES, FINALISTS = (
-    48,
-    200,
-    6,
-)  # episodes in each scenario, and the trials that are flown again
+CHOICE_EPISODES, SCORE_EPISODES = 48, 200  # in each scenario
+FINALISTS = 6  # trials among which the choice is
 # For each controller, ranges of gains, [low, high], by their paths: for the paper's vehicle, and for the hummingbird
 _DATA = read_mapping(SPACES / "gains.toml")
 LEAST_MARGINS: dict[str, float] = _DATA.pop("delay_margin")  # s, of rigid vehicles
@@ -84,10 +82,13 @@ class Search:
         self.designed = mirror_simulation(simulation) if self.hangs else simulation
         self.seen = Loop(observation=Loop.known(found[0]).observation)  # no delays and lags
         self.env = concatenate_scenarios(found, episodes * len(found))
-        ranges = search_space(name, simulation)
+        own, ranges = search_space(name, simulation)
         self.present = gains_for(name, self.designed)
         self.space = {path: FloatDistribution(*given, log=True) for path, given in ranges.items()}
-        self.start = {path: attrgetter(path)(self.present) for path in self.space}
+        first = (
+            own if simulation.vehicle.attitude == "rigid" else self.present
+        )  # those of a hanging pendulum are its own
+        self.start = {path: attrgetter(path)(first) for path in self.space}
 
     def open(self, storage: str, seed: int = 0) -> optuna.Study:
         """Open or create the study in a storage."""
@@ -109,14 +110,15 @@ class Search:
         return Hanging(policy) if self.hangs else policy
 
     def loss(self, trial: optuna.Trial) -> float:
+        """Return the loss of a trial."""
+        return self.loss_of(trial.params, self.env, TUNING_SEED)
+
+    def loss_of(self, gains: dict[str, float], env: VectorEnv[Any, Any, Any], seed: int) -> float:
         """Return the mean penalised RMSE in mm, with up to 1 m added for each fall, the more the earlier it is."""
-        policy = self.policy(trial.params)
+        policy = self.policy(gains)
         if (missing := self._missing_margin(policy)) > 0.0:
             return 1000.0 * (2.0 + missing)
-        return self.loss_of(fly(policy, self.env, [*self.scenarios.values()], TUNING_SEED))
-
-    def loss_of(self, found: EpisodeResults) -> float:
-        """Return the loss of episodes."""
+        found = fly(policy, env, [*self.scenarios.values()], seed)
         remaining = 1.0 - found.steps / found.error.shape[-1]
         falls = np.where(found.survived, 0.0, remaining)
         if not self.geometric:
@@ -135,8 +137,8 @@ class Search:
         return max(1.0 - linear_loop.margins(linear_loop.vehicle_model(scenario), linear).delay / least, 0.0)
 
 
-def search_space(name: str, simulation: Simulation) -> dict[str, tuple[float, float]]:
-    """Return the ranges for a vehicle, which are in proportion to its gains."""
+def search_space(name: str, simulation: Simulation) -> tuple[Any, dict[str, tuple[float, float]]]:
+    """Return gains for a vehicle, those of the hummingbird scaled to rigid ones, and ranges in proportion to them."""
     spaces = HUMMINGBIRD_SPACES if simulation.vehicle.attitude == "rigid" else SEARCH_SPACES
     if name not in spaces:
         raise ValueError(
@@ -150,7 +152,7 @@ def search_space(name: str, simulation: Simulation) -> dict[str, tuple[float, fl
         models = [equivalent_model(item).parameters for item in (hummingbird, simulation)]
         own = scale_gains(given_for, *models)
     ratios = {path: attrgetter(path)(own) / attrgetter(path)(given_for) for path in spaces[name]}
-    return {path: (low * ratios[path], high * ratios[path]) for path, (low, high) in spaces[name].items()}
+    return own, {path: (low * ratios[path], high * ratios[path]) for path, (low, high) in spaces[name].items()}
 
 
 def fly(policy: Policy, env: VectorEnv[Any, Any, Any], scenarios: Sequence[Scenario], seed: int) -> EpisodeResults:
@@ -193,11 +195,13 @@ def tune(search: Search, study: optuna.Study, trials: int, folder: Path) -> dict
     """
     run_trials(study, search.space, search.loss, trials)
     best = sorted(finished(study), key=attrgetter("value"))[:FINALISTS]
-    candidates = [search.start, *(rounded(trial.params) for trial in best)]
+    candidates = [{}, *(rounded(trial.params) for trial in best)]
     scenarios = [*search.scenarios.values()]
     env = concatenate_scenarios(scenarios, CHOICE_EPISODES * len(scenarios))
-    losses = [search.loss_of(fly(search.policy(gains), env, scenarios, CHOICE_SEED)) for gains in candidates]
-    values = rounded(candidates[int(np.argmin(losses))])
+    losses = [search.loss_of(gains, env, CHOICE_SEED) for gains in candidates]
+    values = candidates[int(np.argmin(losses))] or rounded(
+        {path: attrgetter(path)(search.present) for path in search.space}
+    )
     after = score(search.policy(values), scenarios, SCORE_EPISODES)
     found = {
         "controller": search.name,
