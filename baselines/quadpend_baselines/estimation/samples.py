@@ -27,7 +27,7 @@ EARLY = 30  # corrections after which the gain of the Kalman filter has settled 
 COASTS = 30  # control periods without a correction for which the Kalman filter has a gain of its own
 _USED = POSITION, EULER, DIRECTION
 # g, g' and g'' of these (m, rad and 1), in s: of position and direction five times the largest seen in the scenarios of
-# training, with coasts of up to 0.1 s, and three times it with coasts of 0.3 s
+# training, with coasts of up to 0.1 s, and three times it with coasts of 0.3 s; those of angles are set by hand
 _LIMITS = (0.06, 0.2, 8.0), (0.6, 3.0, 30.0), (0.06, 0.15, 6.0)
 _FULL = 0.2  # share of equation (1) up to which an error counts in full
 

@@ -41,7 +41,7 @@ BASE = "flight_breeze"  # the scenario in which nothing happens; events add to i
 LOWEST, STEPS = 0.125, 8  # lowest strength as a share of the everyday one, and steps of a grid that double the strength
 FILE = Path(__file__).with_suffix(".toml")
 DELAY = "extra delay"  # the event that is no part of (1)
-LONGEST, ENOUGH = 0.1, 0.015  # s: the longest extra delay, and that which a policy should tolerate
+LONGEST, TOLERATED = 0.1, 0.015  # s: the longest extra delay, and that which a policy should tolerate
 
 
 class Limit(NamedTuple):
@@ -115,18 +115,18 @@ def _extra_delay(base: Scenario) -> Event:
             return replace(base, loop=replace(base.loop, latency=(low + late, high + late)))
         return replace(base, latency=base.latency + late)
 
-    return Event("ms", 1000.0 * ENOUGH, strengths, at, base)
+    return Event("ms", 1000.0 * TOLERATED, strengths, at, base)
 
 
 def on(base: Scenario, event: Scenario) -> Scenario:
     """Return another scenario with what the scenario of an event adds to `BASE`, on the vehicle of the other one.
 
     Every field that the event has in common with `BASE` is that of the other scenario. Models of wind, sensors and
-    actuators that `BASE` does not have are appended. Where both scenarios differ from `BASE`, loop and parameters are
-    merged field by field, and the event decides about a single number or interval: a parameter of the vehicle has one
-    interval, and numbers of a loop change at one time. The task is that of the event, a hover from rest: only there are
-    a hand beside the reference and a start defined. An event that draws parameters of the pole also decides whether the
-    pole is told, if it is observed.
+    actuators that `BASE` does not have are appended, also a light fluctuating force beside another wind. Where both
+    scenarios differ from `BASE`, loop and parameters are merged field by field, and the event decides about a single
+    number or interval: a parameter of the vehicle has one interval, and numbers of a loop change at one time. The task
+    is that of the event, a hover from rest: only there are a hand beside the reference and a start defined. An event
+    that draws parameters of the pole also decides whether the pole is told, if it is observed.
     """
     gentle = SCENARIOS[BASE]
     if (base.vehicle, base.interface) != (gentle.vehicle, gentle.interface):

@@ -15,7 +15,7 @@ from quadpend_baselines import Policy
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles.plausibility import LATE, LEAST_THRUST, delays
 from quadpend_train.common.executors import run
-from quadpend_train.evaluation.envelope import ENOUGH, EPISODES, SURVIVAL, Event, Limit, events, limit
+from quadpend_train.evaluation.envelope import EPISODES, SURVIVAL, TOLERATED, Event, Limit, events, limit
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.jobs import Job, run_job
@@ -117,5 +117,5 @@ def data_sheet(
         rows.append(("largest thrust", f"{thrust:.2f} weights", f"{LEAST_THRUST:g}", thrust / LEAST_THRUST, np.nan))
     for margins in loop_margins({"": [*policies]}, {"": scenario}).values():
         text = f"{1e3 * margins.delay:.1f} ms (phase {np.rad2deg(margins.phase):.0f}°)"
-        rows.append(("delay margin, linear model", text, f"{1e3 * ENOUGH:g} ms", margins.delay / ENOUGH, np.nan))
+        rows.append(("delay margin, linear model", text, f"{1e3 * TOLERATED:g} ms", margins.delay / TOLERATED, np.nan))
     return DataSheet(rows, found, limits)
