@@ -1,6 +1,6 @@
 """A table of docs/flight/tables.md: what data sheets say, flown again in other episodes.
 
-    python -m experiments.data_sheets --jobs 2      # 200 episodes, seeds from 1000100; 40 minutes
+    python -m experiments.data_sheets --jobs 2      # 200 episodes, seeds from 1000100; 15 minutes
 
 The limits of `quadpend preflight` on two vehicles, and the survival at 0.9 and at 1.3 of each of them.
 """
