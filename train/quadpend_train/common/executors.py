@@ -15,9 +15,8 @@ from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
 
-from tqdm.auto import tqdm
-
 from quadpend_gym.core.factories import describe_error
+from quadpend_train.common.interruptions import progress_bar
 from quadpend_train.common.text import brief
 
 Name = TypeVar("Name", bound=Hashable)
@@ -58,7 +57,7 @@ def run(
     results: dict[Name, Any] = {}
     failures: dict[Name, BaseException] = {}
     ended = {name: partial(_described, call) for name, call in calls.items()}.items() if jobs == 1 else None
-    with tqdm(total=len(calls) + finished, initial=finished, unit=what, leave=False) as bar:
+    with progress_bar(total=len(calls) + finished, initial=finished, unit=what, leave=False) as bar:
         try:
             for name, result in ended or _in_processes(calls, jobs):
                 try:

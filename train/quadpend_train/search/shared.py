@@ -4,8 +4,6 @@ Every process takes the next trial until the storage has enough finished ones. I
 lost. The lock of a journal is one of the operating system, which a killed process leaves unlocked.
 """
 
-import signal
-import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -19,8 +17,8 @@ from optuna.distributions import BaseDistribution
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
-from tqdm.auto import tqdm
 
+from quadpend_train.common.interruptions import progress_bar, signals_wait
 from quadpend_train.common.text import brief
 
 SPACES = Path(__file__).with_name("search_spaces")
@@ -62,25 +60,6 @@ def _journal(file: Path) -> JournalStorage:
     return JournalStorage(JournalFileBackend(str(file), lock))
 
 
-@contextmanager
-def signals_wait() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM wait until the end of the block, so that file and memory of a storage stay the same."""
-    received: list[int] = []
-    handlers: dict[int, Any] = {}
-    # Signals interrupt no other thread; a handler that C has set is None for Python, which could not set it again.
-    is_main = threading.current_thread() is threading.main_thread()
-    numbers = [number for number in (signal.SIGINT, signal.SIGTERM) if is_main and signal.getsignal(number) is not None]
-    try:
-        for number in numbers:
-            handlers[number] = signal.signal(number, lambda number, _: received.append(number))
-        yield
-    finally:
-        for changed, handler in handlers.items():
-            signal.signal(changed, handler)
-        for waited in received:
-            signal.raise_signal(waited)
-
-
 def finished(study: optuna.Study) -> list[FrozenTrial]:
     """Return the trials that have ended."""
     return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
@@ -93,7 +72,7 @@ def run_trials(
 
     With n processes, up to n - 1 more trials are made.
     """
-    with quiet(), tqdm(total=trials, unit="trial", disable=not progress) as bar:
+    with quiet(), progress_bar(total=trials, unit="trial", disable=not progress) as bar:
         while (count := len(finished(study))) < trials:
             bar.update(count - bar.n)
             trial, value = None, None

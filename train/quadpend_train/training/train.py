@@ -26,9 +26,9 @@ from typing import Any
 import torch
 from filelock import FileLock, Timeout
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
-from tqdm.auto import tqdm
 
 from quadpend_train.common.files import atomic, write_text
+from quadpend_train.common.interruptions import progress_bar
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.from_sb3 import export
@@ -154,7 +154,7 @@ def _learn(
     total, before = settings.total_timesteps, model.num_timesteps
     model.set_random_seed((settings.seed * 1_000_003 + before) % 2**32)  # a resumed run draws other numbers
     model.get_env().seed(first_seed(settings) + before)
-    with tqdm(total=total, initial=before, unit="step", unit_scale=True, disable=not progress) as bar:
+    with progress_bar(total=total, initial=before, unit="step", unit_scale=True, disable=not progress) as bar:
         all_of = [Checkpoints(settings, folder), stop, evaluation, *callbacks, Report(bar, evaluation)]
         try:
             model.learn(max(total - before, 0), CallbackList(all_of), reset_num_timesteps=False, tb_log_name="events")
