@@ -38,7 +38,6 @@ JACOBIANS = {
     "baselines/quadpend_baselines/modelling/linear_model.py": "central differences of a function of rows",
     # Exceptions:
     "baselines/quadpend_baselines/modelling/linear_loop.py": "of a policy with memory, over several steps",
-    "baselines/quadpend_baselines/planning/transcription.py": "a velocity from positions, with respect to time",
     "quadpend_gym/device/control_step.py": "CasADi's gradient of one substep, as C and CUDA",
     "quadpend_gym/tasks/feasibility.py": "with respect to time",
     "train/quadpend_train/flight_logs/identify.py": "of a fit with respect to the quantities of a vehicle",

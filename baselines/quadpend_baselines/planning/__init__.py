@@ -1,1 +1,0 @@
-"""Optimal flights of episodes that are known in advance, by direct transcription in CasADi and IPOPT."""
