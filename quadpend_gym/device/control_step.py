@@ -237,7 +237,8 @@ class _Generator:
                 entries[i] = m[i]
         self._memory = ca.vertcat(*entries)
         action, acting, issued = (ca.SX.sym(name, ACTION_SIZE) for name in ("action", "acting", "issued"))
-        x, force, air = (ca.SX.sym(name, self.sizes.get(name, DISTURBANCE_SIZE)) for name in ("x", "force", "air"))
+        x, air = (ca.SX.sym(name, self.sizes[name]) for name in ("x", "air"))
+        force = ca.SX.sym("force", DISTURBANCE_SIZE)
         given = {"m": memory, "clock": clock}
         draws = self._draws(clock)
         text += self._c("actuate", draws, {"action": action, **given}, **self._act(draws, action))

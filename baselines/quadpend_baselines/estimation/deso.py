@@ -394,9 +394,8 @@ def begin_anew(
     """
     chains, (s, _, _) = memory[memory.shape[0] - BEHIND :], law_inputs(memory.T, lane)
     kept = select(dot(s.velocity, s.velocity) < _FASTEST * _FASTEST, 1.0, 0.0)
-    measured, reference, m = _measured(memory, lane, seen, 0.0, model, rigid)
+    r, reference, m = _measured(memory, lane, seen, 0.0, model, rigid)
     rates = scale(kept, s.velocity), scale(kept, s.euler_rate), scale(kept, s.direction_rate)
-    r = measured
     state = project_direction(VehicleState(r.position, rates[0], r.euler, rates[1], r.direction, rates[2]))
     for i in range(OBSERVERS_SIZE):
         stays = (i > FORCE and i % 4 > 0) or (i > HORIZONTAL and i % 4 > RATE)

@@ -4,12 +4,11 @@
     (2)  correct   x̂  = x̂⁻ + L_x (y − C x̂⁻),  d̂ = d̂⁻ + L_d (y − C x̂⁻)
     (3)  weight    μ̂ ← μ̂ − ε d̂_z/((M + m) g),   d̂_z ← (1 − ε) d̂_z          ε = 1 − e^(−T/mass_time)
 
-m is the believed mass of the pole; `samples` limits the errors y − C x̂⁻. An estimate is a flat vector, see `estimate`;
-`prediction` has equation (1). The extended states d are the forces on
-quadrotor and bob and the torque, modelled as random walks. L is the gain of the Kalman filter for model (1) of
-`linear_model`, rotated by the yaw angle; the torque on a rigid vehicle is a vector of the world frame. The gain varies
-over the first steps of an episode, when the forces and, in output feedback, the rates are unknown; after that it is
-constant, or with `gust_walk`
+m is the believed mass of the pole; `samples` limits the errors y − C x̂⁻. An estimate is a flat vector, see
+`estimate`; `prediction` has equation (1). The extended states d are the forces on quadrotor and bob and the torque,
+modelled as random walks. L is the gain of the Kalman filter for model (1) of `linear_model`, rotated by the yaw angle;
+the torque on a rigid vehicle is a vector of the world frame. The gain varies over the first steps of an episode, when
+the forces and, in output feedback, the rates are unknown; after that it is constant, or with `gust_walk`
 
     (4)  L = L_calm + s (L_gust − L_calm),     s = min(|d̂_b|²/(0.02 m_b g)², 1)
 

@@ -11,7 +11,7 @@ from tqdm.auto import tqdm
 
 @contextmanager
 def signals_wait() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM wait until the end of the block, so that file and memory of a storage stay the same."""
+    """Let Ctrl-C and SIGTERM wait until the end of the block."""
     received: list[int] = []
     handlers: dict[int, Any] = {}
     # Signals interrupt no other thread; a handler that C has set is None for Python, which could not set it again.

@@ -78,7 +78,7 @@ def run_trials(
             trial, value = None, None
             state: TrialState | None = TrialState.FAIL
             try:
-                with signals_wait():
+                with signals_wait():  # so that file and memory of the storage stay the same
                     trial = study.ask(dict(space))
                 value, state = objective(trial), None  # a trial whose value is nan fails
             finally:

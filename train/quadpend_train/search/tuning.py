@@ -85,9 +85,8 @@ class Search:
         own, ranges = search_space(name, simulation)
         self.present = gains_for(name, self.designed)
         self.space = {path: FloatDistribution(*given, log=True) for path, given in ranges.items()}
-        first = (
-            own if simulation.vehicle.attitude == "rigid" else self.present
-        )  # those of a hanging pendulum are its own
+        # A hanging pendulum on the paper's vehicle has gains of its own.
+        first = own if simulation.vehicle.attitude == "rigid" else self.present
         self.start = {path: attrgetter(path)(first) for path in self.space}
 
     def open(self, storage: str, seed: int = 0) -> optuna.Study:
