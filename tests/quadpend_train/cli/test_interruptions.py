@@ -138,6 +138,7 @@ def test_a_killed_training_resumes_to_its_end(capsys: pytest.CaptureFixture[str]
     process.kill()
     process.communicate()
     assert not Path("run/policy.npz").exists()
+    Path("run/unfinished_1_curve.csv").touch()  # as if it was killed while it wrote
     main(["train", "--resume", "run"])
     assert MlpPolicy.load("run/policy.npz").card["steps"] == 16384
     assert not [path.name for path in Path("run").iterdir() if re.match("checkpoint|unfinished", path.name)]

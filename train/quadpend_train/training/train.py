@@ -170,7 +170,7 @@ def _learn(
     if stop.time_is_up:
         policy.card["stopped_by"] = "max_seconds"
     policy.save(folder / POLICY)
-    for leftover in (folder / CHECKPOINT, *folder.glob("buffer_*.pkl")):
+    for leftover in (folder / CHECKPOINT, *folder.glob("buffer_*.pkl"), *folder.glob("unfinished_*")):
         leftover.unlink(missing_ok=True)
     return folder / POLICY
 
