@@ -1,14 +1,10 @@
-"""The paper's model, derived by sympy from the energies (1)–(5) and linearised at hover.
-
-Tests compare the paper's printed equations with it.
-"""
+"""The paper's model, derived by sympy from the energies (1)–(5) and linearised at hover."""
 
 from dataclasses import dataclass
 
 import sympy as sp
 
 M, m_c, length, g, I_phi, I_theta, I_psi = PARAMETERS = sp.symbols("M m_c l g I_phi I_theta I_psi", positive=True)
-K = (M + m_c) * g / (M * length)
 x, y, z, phi, theta, psi = sp.symbols("x y z phi theta psi", real=True)
 u, tau_phi, tau_theta, tau_psi = COMMAND = sp.symbols("u tau_phi tau_theta tau_psi", real=True)
 FORCE_ON_QUADROTOR = sp.symbols("d_x d_y d_z", real=True)
@@ -82,45 +78,11 @@ def derive(pendulum: tuple[tuple[sp.Symbol, sp.Symbol], sp.Matrix]) -> Model:
     )
 
 
-def vanishes(expression: sp.Expr | sp.Matrix) -> bool:
-    """Whether every entry, a rational function of sines and cosines, is zero by sin² + cos² = 1."""
-    return all(_is_zero(entry) for entry in sp.Matrix([expression]))
+def linearise() -> dict[sp.Symbol, sp.Expr]:
+    """Return the time derivative of every coordinate and rate near hover with the pendulum upright.
 
-
-def _is_zero(entry: sp.Expr) -> bool:
-    numerator = sp.fraction(sp.together(sp.expand_trig(entry)))[0]
-    angles = {function.args[0] for function in numerator.atoms(sp.sin, sp.cos)}
-    sine, cosine = sp.symbols("sine cosine")
-    for angle in angles:
-        polynomial = sp.expand(numerator.subs({sp.sin(angle): sine, sp.cos(angle): cosine}))
-        remainder = sp.rem(polynomial, sine**2 + cosine**2 - 1, sine)
-        numerator = remainder.subs({sine: sp.sin(angle), cosine: sp.cos(angle)})
-    return bool(sp.expand(numerator) == 0)
-
-
-@dataclass(frozen=True)
-class LinearModel:
-    """Model of small deviations from hover with the pendulum upright; the thrust is a deviation from the weight.
-
-    Attributes:
-        rates: Time derivative of every coordinate and of every rate, for constant inputs and forces.
+    The coordinates of the pendulum are r_x and r_y, which are regular there; the thrust is a deviation from the weight.
     """
-
-    rates: dict[sp.Symbol, sp.Expr]
-
-    def acceleration(self, coordinate: sp.Symbol) -> sp.Expr:
-        """Return the second derivative of a coordinate."""
-        return self.rates[rate_of(coordinate)]
-
-    def derivative(self, expression: sp.Expr, order: int = 1) -> sp.Expr:
-        """Return the time derivative of an expression in coordinates and rates."""
-        for _ in range(order):
-            expression = sum((sp.diff(expression, s) * rate for s, rate in self.rates.items()), sp.Integer(0))
-        return sp.expand(expression)
-
-
-def linearise() -> LinearModel:
-    """Linearise the model at hover, with the coordinates r_x and r_y of the pendulum, which are regular there."""
     model = derive(HORIZONTAL)
     on_quadrotor, on_bob = model.forces
     inputs = sp.Matrix([*COMMAND, *FORCE_ON_QUADROTOR, *FORCE_ON_BOB])
@@ -129,4 +91,4 @@ def linearise() -> LinearModel:
     assert force.subs(hover).expand().is_zero_matrix
     deviation = force.jacobian(model.q).subs(hover) * model.q + force.jacobian(inputs).subs(hover) * inputs
     acceleration = model.mass.subs(hover).LUsolve(deviation).applyfunc(sp.factor)
-    return LinearModel(dict(zip(model.q, model.q_dot, strict=True)) | dict(zip(model.q_dot, acceleration, strict=True)))
+    return dict(zip(model.q, model.q_dot, strict=True)) | dict(zip(model.q_dot, acceleration, strict=True))

@@ -20,7 +20,7 @@ from tests.helpers.physics import UNEQUAL
 @pytest.fixture(scope="module")
 def rates() -> sp.Matrix:
     """[F | G | H] of ẋ = F x + G u + H d from Lagrange's equations; d_τ enters like the torques of the command."""
-    model = symbolic.linearise()
+    found = symbolic.linearise()
     horizontal, _ = symbolic.HORIZONTAL
     angles = symbolic.phi, symbolic.theta, symbolic.psi
     position = symbolic.x, symbolic.y, symbolic.z
@@ -28,7 +28,7 @@ def rates() -> sp.Matrix:
     x += [*horizontal, *map(symbolic.rate_of, horizontal)]
     thrust, *torques = symbolic.COMMAND
     inputs = [thrust, *torques, *symbolic.FORCE_ON_QUADROTOR, *symbolic.FORCE_ON_BOB[:2], *torques]
-    return sp.Matrix([model.rates[symbol] for symbol in x]).jacobian([*x, *inputs])
+    return sp.Matrix([found[symbol] for symbol in x]).jacobian([*x, *inputs])
 
 
 def sampled(rates: sp.Matrix, p: Parameters, period: float) -> Floats:
