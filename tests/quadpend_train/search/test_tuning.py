@@ -53,7 +53,7 @@ def test_a_search_continues_and_its_result_is_scored(
     for trials in (2, 3, 3):
         main([*options, "--trials", str(trials)])
     search = tuning.Search("lqr", ("load_windy",), 2)
-    made = search.open(str(tmp_path / "trials.log")).trials
+    made = search.open(tmp_path / "trials.log").trials
     assert made[0].params == pytest.approx(search.start)
     assert len({json.dumps(trial.params) for trial in made}) == len(made) == 3
     found = json.loads((tmp_path / "lqr.json").read_text(encoding="utf-8"))
@@ -71,12 +71,12 @@ def test_a_scenario_of_ones_own_is_tuned_for_and_its_changes_begin_a_new_study(
     monkeypatch.setattr(tuning, "CHOICE_EPISODES", 2)
     monkeypatch.setattr(tuning, "SCORE_EPISODES", 2)
     mine = Scenario(wind="breeze", duration=1.0, name="mine")
-    search, storage = tuning.Search("lqr", [mine], 2), str(tmp_path / "trials.log")
-    found = tuning.tune(search, search.open(storage), 1, tmp_path)
+    search, file = tuning.Search("lqr", [mine], 2), tmp_path / "trials.log"
+    found = tuning.tune(search, search.open(file), 1, tmp_path)
     assert found["scenarios"] == [*found["survival and penalised rmse"]] == ["mine"]
-    assert len(search.open(storage).trials) == 1
+    assert len(search.open(file).trials) == 1
     for other in (replace(mine, wind="windy"), mine.with_vehicle("hummingbird")):
-        assert not tuning.Search("lqr", [replace(other, name="mine")], 2).open(storage).trials[0].state.is_finished()
+        assert not tuning.Search("lqr", [replace(other, name="mine")], 2).open(file).trials[0].state.is_finished()
 
 
 @pytest.mark.parametrize(

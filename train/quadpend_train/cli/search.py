@@ -19,35 +19,29 @@ def tune(
     interface: str | None = None,
     latency: Latency = None,
     geometric: bool = False,
-    storage: str | None = None,
 ) -> None:
     """Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.
 
-    The same command continues an interrupted search. In several terminals or on several machines, each with a --seed of
-    its own, it searches with all of them, if it has a --storage that all can open. The command does not change the
-    package: copy the gains into baselines/quadpend_baselines/gains.toml.
+    The same command continues an interrupted search. It does not change the package: copy the gains into
+    baselines/quadpend_baselines/gains.toml.
 
     Args:
         controllers: Controllers with tunable gains, see train/quadpend_train/search/search_spaces/gains.toml.
         trials: Trials of the search for each controller.
         episodes: Episodes in each scenario.
         seed: Random seed of the search.
-        out: Folder for the gains that it finds, NAME.json.
+        out: Folder for the trials, and for the gains that it finds, NAME.json.
         scenarios: Scenarios with the same vehicle and control period, for which the controllers are designed: names,
             TOML or JSON files, or JSON. "training" stands for all training scenarios.
         vehicle: Vehicle of all scenarios, as in evaluate.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
         latency: Latency in all scenarios, s, as in evaluate.
         geometric: Minimise the geometric mean of the errors over the scenarios, plus 1 to 2 m times the share of falls.
-        storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
-            processes; the default is a file in OUT. Opening a storage executes code that it contains: use only storages
-            that you trust.
     """
     from quadpend_train.search import tuning
 
     chosen = [*named_scenarios(scenarios, vehicle, interface, latency=latency).values()]
     searches = [tuning.Search(name, chosen, episodes, geometric) for name in controllers]
-    out.mkdir(parents=True, exist_ok=True)
     for search in searches:
-        study = search.open(storage or str(out / "trials.log"), seed)
+        study = search.open(out / "trials.log", seed)
         print(json.dumps(tuning.tune(search, study, trials, out), indent=1))

@@ -9,6 +9,9 @@ best of many trials. So the gains of the best trials are rounded to three digits
 ones, in more and other episodes; those with the smallest loss are chosen, and scored in episodes that nothing has
 used.
 
+A search continues from the trials in its file, whose lock is one of the operating system: a killed process leaves it
+unlocked, and loses its running trial only.
+
 The search space of a controller can ask for a delay margin, by which all its actions can come later than expected
 before the loop at hover is unstable (`quadpend_baselines.modelling.linear_loop`, which needs the extra `control`).
 Gains with a smaller one do not fly: they have the loss of falls at the start, the larger the smaller the margin is.
@@ -17,7 +20,8 @@ Gains with a smaller one do not fly: they have the loss of falls at the start, t
 import hashlib
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
@@ -25,8 +29,12 @@ from typing import Any
 
 import numpy as np
 import optuna
+from filelock import FileLock
 from gymnasium.vector import VectorEnv
 from optuna.distributions import FloatDistribution
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import FrozenTrial, TrialState
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
@@ -42,15 +50,16 @@ from quadpend_gym.core.settings import suggest
 from quadpend_gym.scenarios import Scenario, find_scenarios, refuse_held_out, scenario_data
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.files import write_text
+from quadpend_train.common.interruptions import progress_bar, signals_wait
+from quadpend_train.common.text import brief
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
-from quadpend_train.search.shared import SPACES, finished, open_study, run_trials
 from quadpend_train.training.environment import concatenate_scenarios
 
 CHOICE_SEED, SCORE_SEED = TUNING_SEED + 50_000, TUNING_SEED + 100_000  # of the first episodes of choice and score
 CHOICE_EPISODES, SCORE_EPISODES = 48, 200  # in each scenario
 FINALISTS = 6  # trials among which the choice is
 # For each controller, ranges of gains, [low, high], by their paths: for the paper's vehicle, and for the hummingbird
-_DATA = read_mapping(SPACES / "gains.toml")
+_DATA = read_mapping(Path(__file__).with_name("search_spaces") / "gains.toml")
 LEAST_MARGINS: dict[str, float] = _DATA.pop("delay_margin")  # s, of rigid vehicles
 SEARCH_SPACES, HUMMINGBIRD_SPACES = ({name: flat(given) for name, given in group.items()} for group in _DATA.values())
 
@@ -89,19 +98,42 @@ class Search:
         first = own if simulation.vehicle.attitude == "rigid" else self.present
         self.start = {path: attrgetter(path)(first) for path in self.space}
 
-    def open(self, storage: str, seed: int = 0) -> optuna.Study:
-        """Open or create the study in a storage."""
+    def open(self, file: Path, seed: int = 0) -> optuna.Study:
+        """Open or create the study in a file, whose first trial has the values `start`."""
         ranges = {path: [item.low, item.high] for path, item in self.space.items()}
         scenarios = {name: scenario_data(scenario) for name, scenario in self.scenarios.items()}
         settings = [self.episodes, scenarios, ranges, asdict(self.present)]
         key = json.dumps([*settings, "geometric"] if self.geometric else settings)
-        digest = hashlib.sha256(key.encode()).hexdigest()
-        return open_study(f"{self.name}-{digest[:12]}", storage, self._sampler, seed, self.start)
+        name = f"{self.name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
+        file = file.resolve()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lock: Any = FileLock(file.with_name(f"{file.name}.filelock"), timeout=60.0)
+        with quiet():
+            try:
+                storage = JournalStorage(JournalFileBackend(str(file), lock))
+                study = optuna.create_study(study_name=name, storage=storage, load_if_exists=True)
+            except Exception as error:  # Optuna raises exceptions of many types
+                raise ValueError(f"{file} is not a file of trials: {brief(error)}") from error
+            number = int(np.random.SeedSequence([seed, len(study.trials)]).generate_state(1)[0])
+            # Optuna 6 will remove x0 and sigma0, so Optuna below 6 is required
+            study.sampler = optuna.samplers.CmaEsSampler(
+                x0=self.start, sigma0=0.1, seed=number, warn_independent_sampling=False
+            )
+            if all(trial.state == TrialState.FAIL for trial in study.trials):
+                study.enqueue_trial(self.start)
+        return study
 
-    def _sampler(self, seed: int) -> optuna.samplers.CmaEsSampler:
-        with warnings.catch_warnings():  # Optuna 6 will remove x0 and sigma0, so Optuna below 6 is required
-            warnings.simplefilter("ignore", FutureWarning)
-            return optuna.samplers.CmaEsSampler(x0=self.start, sigma0=0.1, seed=seed, warn_independent_sampling=False)
+    def run(self, study: optuna.Study, trials: int) -> None:
+        """Take trials until the study has enough finished ones."""
+        count = len(finished(study))
+        with quiet(), progress_bar(total=trials, initial=count, unit="trial") as bar:
+            for _ in range(count, trials):
+                with signals_wait():  # so that file and memory stay the same
+                    trial = study.ask(dict(self.space))
+                value = self.loss(trial)
+                with signals_wait():
+                    study.tell(trial, value)
+                bar.update()
 
     def policy(self, gains: dict[str, float]) -> Policy:
         """Return the controller with other gains, which does not know the delays and lags of the scenarios."""
@@ -134,6 +166,21 @@ class Search:
         scenario = next(iter(self.scenarios.values()))
         linear = linear_loop.linear_policy(policy, scenario)
         return max(1.0 - linear_loop.margins(linear_loop.vehicle_model(scenario), linear).delay / least, 0.0)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Let Optuna print no line for each trial, and no warning about what a later version will remove."""
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        yield
+
+
+def finished(study: optuna.Study) -> list[FrozenTrial]:
+    """Return the trials that have ended."""
+    return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
 
 
 def search_space(name: str, simulation: Simulation) -> tuple[Any, dict[str, tuple[float, float]]]:
@@ -190,9 +237,9 @@ def rounded(gains: dict[str, float]) -> dict[str, float]:
 def tune(search: Search, study: optuna.Study, trials: int, folder: Path) -> dict[str, Any]:
     """Search for gains, score them, write gains and scores to ``{name}.json`` in `folder`, and return them.
 
-    The study may have trials already; `trials` counts those of all processes together.
+    The study may have trials already, which count.
     """
-    run_trials(study, search.space, search.loss, trials)
+    search.run(study, trials)
     best = sorted(finished(study), key=attrgetter("value"))[:FINALISTS]
     candidates = [{}, *(rounded(trial.params) for trial in best)]
     scenarios = [*search.scenarios.values()]
