@@ -117,7 +117,7 @@ def test_a_compiled_policy_flies_like_the_python_one(exported: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "parts", "message"),
     [
-        ("ppo-swing-up-0", {}, "only policies that balance an upright pendulum can; --to onnx"),
+        ("ppo-swing-up-0", {}, "only policies that balance an upright pendulum can"),
         ("nmpc", {}, "nmpc cannot be written as C"),
         ("lqg", {"interface": "rotors", "actuators": ()}, "another --scenario without rotors"),
         ("lqg", {"sensors": {"kind": "delay"}}, "predict no delay of sensors"),

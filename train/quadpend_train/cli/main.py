@@ -16,7 +16,6 @@ _TRACEBACK = "--traceback"
 _EXTRAS = {
     "casadi": "mpc",
     "imageio": "view",
-    "onnx": "onnx",
     "orangebox": "logs",
     "pyulog": "logs",
 }  # of packages that are not in the extra train
@@ -32,7 +31,7 @@ COMMANDS = {
     "evaluate": "Evaluate policies in the same episodes and compare them with the first policy.",
     "preflight": "Print the data sheet of a policy on a vehicle: its limits beside what flights need.",
     "watch": "Show up to four policies side by side in the same episode, or one policy in up to four scenarios.",
-    "export": "Convert a policy to a policy file, which executes no code when loaded, to C or to ONNX.",
+    "export": "Convert a policy to a policy file, which executes no code when loaded, or to C.",
     "replay": "Fly vehicles open loop under the motor commands of a flight log, and compare them with the log.",
     "identify": "Identify a vehicle from flight logs, and write its file and scenarios for training.",
     "tune": "Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.",

@@ -128,18 +128,18 @@ def train(
 
 def export(
     model: tyro.conf.Positional[str],
-    to: Literal["npz", "c", "onnx"] = "npz",
+    to: Literal["npz", "c"] = "npz",
     out: Path | None = None,
     vec_normalize: Path | None = None,
     scenario: str | None = None,
 ) -> None:
-    """Convert a policy to a policy file, which executes no code when loaded, to C or to ONNX.
+    """Convert a policy to a policy file, which executes no code when loaded, or to C.
 
     Loading a model (.zip) executes code that it contains: export only files that you trust.
 
     Args:
         model: A policy; for npz a file (.zip) saved by an algorithm with a feedforward network, such as PPO or SAC.
-        to: npz; c for microcontrollers, with the observer and golden vectors; or onnx for the network alone.
+        to: npz, or c for microcontrollers, with the observer and golden vectors.
         out: File to write; the default has the name of the policy.
         scenario: Scenario for whose vehicle, interface, control period and latency C is written. The default is
             flight_breeze or windy, with the interface and the vehicle of the policy.
@@ -155,8 +155,6 @@ def export(
     path = out or stem.with_suffix(".npz")
     if to == "c":
         path = out or stem.with_name(f"{re.sub('[^A-Za-z0-9]+', '_', stem.name)}.c")
-    elif to == "onnx":
-        path = out or stem.with_suffix(".onnx")
     if path.exists():
         raise FileExistsError(f"{path} exists already: choose another file with --out")
     if to != "npz" and vec_normalize is not None:
@@ -171,10 +169,6 @@ def export(
             raise ValueError(f"--scenario must be one scenario, not {len(chosen)}: {', '.join(chosen)}")
         print("Scenario:", *chosen)
         files = export_c(policy, stem.name, next(iter(chosen.values())), path)
-    elif to == "onnx":
-        from quadpend_train.export.to_onnx import export_onnx
-
-        export_onnx(load_policy(model), path)
     else:
         from quadpend_train.policies.from_sb3 import export_zip
 

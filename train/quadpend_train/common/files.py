@@ -23,11 +23,9 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Replace a file by a text in UTF-8, where names of files that are not UTF-8 are escaped; see `write_bytes`."""
-    write_bytes(path, text.encode(errors="backslashreplace"))
+    """Replace a file by a text in UTF-8, where names of files that are not UTF-8 are escaped.
 
-
-def write_bytes(path: Path, data: bytes) -> None:
-    """Replace a file; after an exception, it is unchanged."""
+    After an exception, the file is unchanged.
+    """
     with atomic(path) as unfinished:
-        unfinished.write_bytes(data)
+        unfinished.write_bytes(text.encode(errors="backslashreplace"))

@@ -1,1 +1,1 @@
-"""Policies for other programs: as C for microcontrollers, and as ONNX."""
+"""Policies for other programs: as C for microcontrollers."""

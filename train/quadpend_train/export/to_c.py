@@ -125,9 +125,7 @@ def adapt(policy: Policy, name: str, scenario: Scenario, gain_steps: Sequence[in
     trained = policy.card.get("settings", {}).get("scenarios", ()) if isinstance(policy, MlpPolicy) else ()
     tasks = [scenario.task, *(item.task for item in find_scenarios(trained).values())]
     if any(task.pendulum != "upright" or task.limits.pendulum_angle > 0.5 * np.pi for task in tasks):
-        is_network = isinstance(policy, MlpPolicy) and policy.hybrid is None
-        onnx = "; --to onnx writes its network" if is_network else ""
-        raise ValueError(f"{name} cannot be written as C: only policies that balance an upright pendulum can{onnx}")
+        raise ValueError(f"{name} cannot be written as C: only policies that balance an upright pendulum can")
     if not (isinstance(policy, MlpPolicy) or getattr(policy, "has_c", False)):
         raise ValueError(
             f"{name} cannot be written as C: it is no feedforward network, ADRC, LQR, LQI, LQG, flatness or dual-mode"

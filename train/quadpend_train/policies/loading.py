@@ -85,7 +85,7 @@ def model_file(name: str) -> Path:
         raise ValueError(f"{name} is no model of Stable-Baselines3 (.zip), of which a policy file can be made")
     path = policy_file(name)
     if path.suffix == ".npz":
-        raise ValueError(f"{path} is a policy file already: --to c and --to onnx convert it")
+        raise ValueError(f"{path} is a policy file already: --to c converts it")
     if path.suffix != ".zip":
         raise ValueError(_UNKNOWN.format(path))
     return path
