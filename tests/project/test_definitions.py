@@ -39,7 +39,6 @@ JACOBIANS = {
     # Exceptions:
     "baselines/quadpend_baselines/modelling/linear_loop.py": "of a policy with memory, over several steps",
     "quadpend_gym/device/control_step.py": "CasADi's gradient of one substep, as C and CUDA",
-    "quadpend_gym/tasks/feasibility.py": "with respect to time",
     "train/quadpend_train/flight_logs/identify.py": "of a fit with respect to the quantities of a vehicle",
 }
 # Comparisons of the settings of a rigid vehicle with None: the paper's vehicle has none, and numba compiles laws and
