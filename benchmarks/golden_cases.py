@@ -24,7 +24,6 @@ WINDS: dict[str, Any] = {
     },
     "noise": {"kind": "ornstein_uhlenbeck", "force": (0.2, 0.0, 0.1), "torque": 0.05, "time_constant": 0.2},
     "dryden": {"kind": "dryden", "intensity": "severe", "altitude": 30.0, "heading": 0.7},
-    "von karman": {"kind": "von_karman", "intensity": 9.0, "mean_wind": 4.0, "heading": -2.0},
 }
 WINDS["drawn"] = {"kind": "drawn", "wind": WINDS["dryden"], "strength": (0.5, 2.0), "heading": (0.0, 1.0)}
 WINDS["rescaled"] = {"kind": "rescaled", "wind": WINDS["constant"], "scale": 0.4, "torque_scale": (2.0, 1.0, 0.5)}

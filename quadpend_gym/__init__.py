@@ -36,7 +36,6 @@ from quadpend_gym.wind import (
     Sinusoid,
     Step,
     StillAir,
-    VonKarman,
 )
 
 __version__ = "0.3.0"
@@ -68,7 +67,6 @@ __all__ = [
     "Step",
     "StillAir",
     "Task",
-    "VonKarman",
     "Waypoints",
     "read_observation",
 ]

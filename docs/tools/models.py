@@ -42,7 +42,6 @@ _UNITS = {"force": "N", "bob_force": "N", "torque": "N·m", "velocity": "m/s"}
 GALLERY = {
     "ornstein_uhlenbeck": '{"kind": "ornstein_uhlenbeck", "force": 0.3}',
     "dryden": "dryden",
-    "von_karman": "von_karman",
     "noise": '{"kind": "noise", "position": {"white": 0.001, "bias": 0.003}, "direction": {"quantum": 0.01}}',
     "sample_hold": '{"kind": "sample_hold", "period": 0.1}',
     "motor_lag": "motor_lag",

@@ -1,6 +1,6 @@
-"""Continuous random winds: Ornstein–Uhlenbeck noise, and Dryden and von Kármán turbulence.
+"""Continuous random winds: Ornstein–Uhlenbeck noise and Dryden turbulence.
 
-Dryden and von Kármán turbulence at low altitude follow MIL-F-8785C: the mean wind V at the altitude h carries a frozen
+Dryden turbulence at low altitude follows MIL-F-8785C: the mean wind V at the altitude h carries a frozen
 turbulence field with the components u (along the wind), v (across) and w (up). W₂₀ is the wind at 20 feet, and h is in
 feet. The roughness length is z₀ = 0.15 feet, the specification's value for terminal flight phases (category C; it is 2
 feet for the other categories):
@@ -9,31 +9,23 @@ feet for the other categories):
     (2)  σ_w  = 0.1 W₂₀,     σ_u = σ_v = σ_w / (0.177 + 0.000823 h)^0.4
     (3)  L_w  = h,           L_u = L_v = h / (0.177 + 0.000823 h)^1.2            10 ≤ h ≤ 1000
 
-Dryden's spectra are one-sided in ω (rad/s), with the variance ∫₀^∞ Φ dω and T = L/V. In (5) and (7), Φ_v follows from
-Φ_w with σ_v and T_v in place of σ_w and T_w:
+The spectra are one-sided in ω (rad/s), with the variance ∫₀^∞ Φ dω and T = L/V. In (5), Φ_v follows from Φ_w with σ_v
+and T_v in place of σ_w and T_w:
 
     (4)  Φ_u = (2 σ_u² T_u/π) / (1 + (T_u ω)²)
     (5)  Φ_w = (σ_w² T_w/π) (1 + 3 (T_w ω)²) / (1 + (T_w ω)²)²
 
-Von Kármán's spectra, with a = 1.339:
-
-    (6)  Φ_u = (2 σ_u² T_u/π) / (1 + (a T_u ω)²)^(5/6)
-    (7)  Φ_w = (σ_w² T_w/π) (1 + 8/3 (a T_w ω)²) / (1 + (a T_w ω)²)^(11/6)
-
-MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and writes 2 L where (5) and (7) have L. At low
+MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and writes 2 L where (5) has L. At low
 altitude both documents describe the same process.
 
 The mean wind alone carries the field past the quadrotor, and the altitude h is fixed: the turbulence does not depend on
 the quadrotor's position and velocity.
 
-(4) and (5) are rational, and their filters are exact. (6) and (7) are approximated by the usual filters of second and
-third order, with an error of at most 0.25 dB up to ω = 16/T, and of at most 1 dB up to 32/T along the wind and up to
-48/T across and up. At higher frequencies their densities are too low (by 2.6 dB along and 2.0 dB across and up at
-100/T), which reduces the standard deviations by 1.6 % along and 1.9 % across and up.
+(4) and (5) are rational, so their filters are exact.
 """
 
 from functools import lru_cache
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -52,7 +44,7 @@ from quadpend_gym.wind.filters import (
     square_root,
 )
 
-__all__ = ["Dryden", "OrnsteinUhlenbeck", "VonKarman"]
+__all__ = ["Dryden", "OrnsteinUhlenbeck"]
 
 FOOT, KNOT = 0.3048, 0.514444  # m, m/s
 INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # W₂₀, m/s, MIL-F-8785C
@@ -102,31 +94,17 @@ def _discrete_noise(noise: OrnsteinUhlenbeck, period: float) -> tuple[DiscreteFi
     return system, eye, np.array(noise.axes)
 
 
-class _Spectrum(NamedTuple):
-    """Filter of one axis of turbulence in dimensionless form."""
-
-    weight: float  # 2 along the wind, 1 across and up
-    numerator: list[float]  # in powers of T s, constant first
-    denominator: list[float]
-
-
-# Spectra along the wind, and across and up. Dryden's filters are exact; those for von Kármán's spectra are rational
-# approximations (Ly & Chan, AIAA Paper 80-1615).
-_SPECTRA = {
-    "dryden": (
-        _Spectrum(2.0, [1.0], [1.0, 1.0]),
-        _Spectrum(1.0, [1.0, 3.0**0.5], [1.0, 2.0, 1.0]),
-    ),
-    "von_karman": (
-        _Spectrum(2.0, [1.0, 0.25], [1.0, 1.357, 0.1987]),
-        _Spectrum(1.0, [1.0, 2.7478, 0.3398], [1.0, 2.9958, 1.9754, 0.1539]),
-    ),
-}
+# Of u, v and w in dimensionless form: the weight in σ √(weight T/π), and the coefficients of N and D, constant first
+_SPECTRA = (
+    (2.0, [1.0], [1.0, 1.0]),
+    *((1.0, [1.0, 3.0**0.5], [1.0, 2.0, 1.0]),) * 2,
+)
 
 
+@WINDS.add
 @settings
-class _Turbulence(Addable):
-    """Base class of Dryden and von Kármán turbulence: equations (1)–(3)."""
+class Dryden(Addable):
+    """Mean wind with Dryden turbulence at low altitude, equations (1)–(5)."""
 
     # wind speed W₂₀ at 20 feet: a number, or light, moderate or severe for 15, 30 or 45 knots
     intensity: Annotated[Literal["light", "moderate", "severe"] | float, Range(1e-3, 1000.0, "m/s")] = "light"
@@ -135,7 +113,7 @@ class _Turbulence(Addable):
     # speed V of the mean wind; None: from `intensity` and `altitude`
     mean_wind: Annotated[float | None, Range(1e-3, 1000.0, "m/s")] = None
     heading: Annotated[float, Range(-1000.0, 1000.0, "rad")] = 0.0  # direction of the mean wind, from x towards y
-    kind: str = ""
+    kind: Literal["dryden"] = "dryden"
     moves_air = True
 
     @property
@@ -158,19 +136,18 @@ class _Turbulence(Addable):
 
     @property
     def times(self) -> Floats:
-        """T_u, T_v, T_w of equations (4)–(7), s: L/V with the lengths of equation (3)."""
+        """T_u, T_v, T_w of equations (4) and (5), s: L/V with the lengths of equation (3)."""
         horizontal = self.altitude / (0.177 + 0.000823 * self.altitude / FOOT) ** 1.2
         return np.array([horizontal, horizontal, self.altitude]) / self.mean_speed
 
     @property
     def filter(self) -> Filter:
         """Filters from white noise to u, v, w (m/s), each with H = σ √(weight T/π) N(Ts)/D(Ts)."""
-        along, across = _SPECTRA[self.kind]
-        axes = zip((along, across, across), self.deviations, self.times, strict=True)
+        axes = zip(_SPECTRA, self.deviations, self.times, strict=True)
         return combine(
             [
-                from_transfer_function(x.numerator, x.denominator, sigma * np.sqrt(x.weight * t / np.pi), t)
-                for x, sigma, t in axes
+                from_transfer_function(numerator, denominator, sigma * np.sqrt(weight * t / np.pi), t)
+                for (weight, numerator, denominator), sigma, t in axes
             ]
         )
 
@@ -192,31 +169,15 @@ class _Turbulence(Addable):
 
 
 @lru_cache(maxsize=64)
-def _stationary_root(turbulence: _Turbulence) -> Floats:
+def _stationary_root(turbulence: Dryden) -> Floats:
     """Return S of equation (3) in `filters`."""
     return square_root(turbulence.filter.stationary_covariance)
 
 
 @lru_cache(maxsize=64)
-def _discrete_turbulence(turbulence: _Turbulence, period: float) -> tuple[DiscreteFilter, Floats, Floats]:
+def _discrete_turbulence(turbulence: Dryden, period: float) -> tuple[DiscreteFilter, Floats, Floats]:
     """Return the discrete filter, its output matrix rotated to the heading, and the mean wind along x and y."""
     system = turbulence.filter
     cosine, sine = np.cos(turbulence.heading), np.sin(turbulence.heading)
     rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     return discretise(system, period), rotation @ system.c, turbulence.mean_speed * rotation[:2, 0]
-
-
-@WINDS.add
-@settings
-class Dryden(_Turbulence):
-    """Mean wind with Dryden turbulence at low altitude, equations (1)–(5)."""
-
-    kind: Literal["dryden"] = "dryden"
-
-
-@WINDS.add
-@settings
-class VonKarman(_Turbulence):
-    """Mean wind with von Kármán turbulence at low altitude, equations (1)–(3), (6) and (7)."""
-
-    kind: Literal["von_karman"] = "von_karman"

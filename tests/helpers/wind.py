@@ -17,7 +17,6 @@ from quadpend_gym import (
     Rescaled,
     Sinusoid,
     Step,
-    VonKarman,
 )
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
@@ -37,7 +36,6 @@ EXAMPLES: dict[str, Any] = {
     "paper_gusts": PaperGusts(force=0.4, onset=0.02, hold=0.1),
     "ornstein_uhlenbeck": OrnsteinUhlenbeck(force=0.3, torque=(0.02, 0.0, 0.0), velocity=1.0, time_constant=0.5),
     "dryden": Dryden("moderate", altitude=30.0, heading=0.5),
-    "von_karman": VonKarman(8.0, mean_wind=5.0, heading=-2.0),
     "sum": Sum((OrnsteinUhlenbeck(bob_force=0.1), Gusts(velocity=3.0, pause=(0.0, 0.1)), Dryden())),
 }
 every_kind = pytest.mark.parametrize("wind", EXAMPLES.values(), ids=EXAMPLES.keys())

@@ -32,7 +32,7 @@ from quadpend_gym.core.models import kind_of
 from quadpend_gym.physics.drag import AIR_DENSITY
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Channel
-from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, Drawn, Dryden, OrnsteinUhlenbeck, Rescaled, Sum, VonKarman
+from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, Drawn, Dryden, OrnsteinUhlenbeck, Rescaled, Sum
 from quadpend_gym.wind.filters import discretise
 
 CHEAP = 1e-5  # m, √ρ: the error that counts as much as an action of 1
@@ -75,7 +75,7 @@ def _shapings(models: Any, period: float, scale: Floats) -> list[_Shaping]:
         elif isinstance(model, OrnsteinUhlenbeck) and not model.moves_air:
             decay, load = np.exp(-period / model.time_constant), np.diag(scale * model.load)
             found.append(_Shaping(decay * np.eye(12), np.sqrt(1.0 - decay**2) * np.eye(12), load, np.zeros(3)))
-        elif isinstance(model, Dryden | VonKarman):
+        elif isinstance(model, Dryden):
             system, velocity = discretise(model.filter, period), WIND_FIELDS["velocity"]
             cosine, sine = np.cos(model.heading), np.sin(model.heading)
             turn = scale[velocity] * np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])

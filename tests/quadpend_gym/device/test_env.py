@@ -70,7 +70,7 @@ OWN: dict[str, dict[str, Any]] = {
         ],
         "sensors": [{"kind": "noise", "position": {"white": 0.001, "walk": 0.01}}, {"kind": "delay", "steps": 3}],
         "wind": [
-            {"kind": "von_karman", "intensity": "light"},
+            {"kind": "dryden", "intensity": "light"},
             "breeze",
             {"kind": "step", "force": 0.2, "at": [0.1, 0.3]},
         ],

@@ -20,7 +20,6 @@ from quadpend_gym import (
     Sinusoid,
     StartSettings,
     Task,
-    VonKarman,
 )
 from quadpend_gym.core.settings import Range, declared
 from quadpend_gym.vehicles import VEHICLES, Drag
@@ -43,7 +42,7 @@ SLALOMS = ReferenceSettings(slalom=5.0)  # without them, their speed has no effe
 TASKS = {"references": SLALOMS, "start": StartSettings(), "limits": Limits(), "reward": RewardWeights()}
 WINDS: list[Any] = [
     *(Constant(), Sinusoid(force=0.1), OrnsteinUhlenbeck(), PaperGusts(onset=0.1), Drawn(MOVING_AIR)),
-    *(Gusts(velocity=(5.0, 0.0, 0.0), pause=(0.0, 0.1), length=(0.1, 0.2)), Dryden(), VonKarman()),
+    *(Gusts(velocity=(5.0, 0.0, 0.0), pause=(0.0, 0.1), length=(0.1, 0.2)), Dryden()),
 ]
 CASES = [
     pytest.param(part, item, *field, id=f"{type(item).__name__}.{field[0]}")

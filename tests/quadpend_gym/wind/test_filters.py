@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_gym import Dryden, VonKarman
-from quadpend_gym.wind.filters import Filter, discretise
+from quadpend_gym import Dryden
+from quadpend_gym.wind.filters import discretise
 
 
 @pytest.mark.parametrize("period", [1e-4, 1e-2, 1.0, 1000.0])
-@pytest.mark.parametrize("system", [Dryden("severe").filter, VonKarman("severe").filter], ids=["dryden", "von_karman"])
-def test_the_stationary_covariance_is_invariant(system: Filter, period: float) -> None:
+def test_the_stationary_covariance_is_invariant(period: float) -> None:
     """Φ P Φᵀ + L Lᵀ = P, relative to the standard deviations."""
+    system = Dryden("severe").filter
     discrete, covariance = discretise(system, period), system.stationary_covariance
     after = discrete.transition @ covariance @ discrete.transition.T + discrete.noise_gain @ discrete.noise_gain.T
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))

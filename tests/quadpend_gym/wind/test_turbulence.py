@@ -1,8 +1,8 @@
 """Turbulence has the specified variance and correlation, for every control period and from the first step.
 
 This file states the specifications independently of the code, in their own units and variables: the densities of
-MIL-F-8785C in the spatial frequency Ω = ω/V, and the filters of Ly & Chan as transfer functions. Estimates from random
-numbers may deviate by five standard errors, which follow from the number of rows.
+MIL-F-8785C in the spatial frequency Ω = ω/V. Estimates from random numbers may deviate by five standard errors, which
+follow from the number of rows.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from scipy.integrate import quad
 
-from quadpend_gym import Dryden, OrnsteinUhlenbeck, VonKarman
+from quadpend_gym import Dryden, OrnsteinUhlenbeck
 from quadpend_gym.core.arrays import Floats
 from tests.helpers.wind import five_sigma, iterate_wind, sample_wind
 
@@ -24,7 +24,7 @@ VELOCITY = slice(9, 12)
 FOOT, KNOT = 0.3048, 1852.0 / 3600.0
 HEADING, SPEED = 0.7, 20.0  # rad; m/s, high for a low altitude, so that T_u is about 2 s and T_w about 0.3 s
 SETTINGS: dict[str, Any] = {"intensity": "severe", "mean_wind": SPEED, "heading": HEADING}
-DRYDEN, VON_KARMAN = Dryden(**SETTINGS), VonKarman(**SETTINGS)
+DRYDEN = Dryden(**SETTINGS)
 NOISE = OrnsteinUhlenbeck(force=0.0, velocity=(0.5, 2.0, 1.0), time_constant=0.5)
 
 
@@ -50,29 +50,11 @@ def dryden_densities(sigma: float, length: float, speed: float) -> tuple[Density
     return along, across
 
 
-def ly_chan_densities(sigma: float, length: float, speed: float) -> tuple[Density, Density]:
-    """Return |H_u|² and |H_v|² = |H_w|² of Ly & Chan's filters of white noise of density 1."""
-    time = length / speed
-
-    def along(omega: Any) -> Any:
-        s = 1j * omega * time
-        return 2.0 * sigma**2 * time / np.pi * np.abs((1.0 + 0.25 * s) / (1.0 + 1.357 * s + 0.1987 * s**2)) ** 2
-
-    def across(omega: Any) -> Any:
-        s = 1j * omega * time
-        h = (1.0 + 2.7478 * s + 0.3398 * s**2) / (1.0 + 2.9958 * s + 1.9754 * s**2 + 0.1539 * s**3)
-        return sigma**2 * time / np.pi * np.abs(h) ** 2
-
-    return along, across
-
-
-def low_altitude(
-    kind: Callable[..., tuple[Density, Density]], altitude: float, wind_20: float, speed: float
-) -> list[Density]:
+def low_altitude(altitude: float, wind_20: float, speed: float) -> list[Density]:
     """Return the densities of u, v, w at low altitude."""
     sigma_u, sigma_w, length_u, length_w = specified_parameters(altitude, wind_20)
-    along, across = kind(sigma_u, length_u, speed)
-    return [along, across, kind(sigma_w, length_w, speed)[1]]
+    along, across = dryden_densities(sigma_u, length_u, speed)
+    return [along, across, dryden_densities(sigma_w, length_w, speed)[1]]
 
 
 def exponential_density(sigma: float, time: float) -> Density:
@@ -83,8 +65,7 @@ def exponential_density(sigma: float, time: float) -> Density:
 SEVERE = 20.0 * FOOT, 45.0 * KNOT, SPEED
 CASES: dict[str, tuple[Any, list[Density]]] = {
     "ornstein_uhlenbeck": (NOISE, [exponential_density(sigma, 0.5) for sigma in (0.5, 2.0, 1.0)]),
-    "dryden": (DRYDEN, low_altitude(dryden_densities, *SEVERE)),
-    "von_karman": (VON_KARMAN, low_altitude(ly_chan_densities, *SEVERE)),
+    "dryden": (DRYDEN, low_altitude(*SEVERE)),
 }
 every_case = pytest.mark.parametrize(("wind", "densities"), CASES.values(), ids=CASES.keys())
 
@@ -126,9 +107,8 @@ def test_deviation_and_autocorrelation_match_the_specification(
             assert_allclose(correlation, expected, atol=np.sqrt(1.0 + expected**2) * five_sigma(rows))
 
 
-@pytest.mark.parametrize("kind", [Dryden, VonKarman])
-def test_the_heading_is_the_direction_of_the_mean_wind(kind: Any) -> None:
-    wind, speed = sample_wind(kind(heading=2.5), 1, 10_000)[0], 15.0 * KNOT
+def test_the_heading_is_the_direction_of_the_mean_wind() -> None:
+    wind, speed = sample_wind(Dryden(heading=2.5), 1, 10_000)[0], 15.0 * KNOT
     assert_array_equal(wind[:, :9], 0.0)
     expected = [speed * np.cos(2.5), speed * np.sin(2.5), 0.0]
-    assert_allclose(wind[:, VELOCITY].mean(axis=0), expected, atol=kind().deviations.max() * five_sigma(10_000))
+    assert_allclose(wind[:, VELOCITY].mean(axis=0), expected, atol=Dryden().deviations.max() * five_sigma(10_000))
