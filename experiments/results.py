@@ -2,7 +2,7 @@
 
     python -m experiments.results --jobs 2      # 200 episodes in each scenario, seeds from 1000000; half an hour
 
-It also writes docs/results/ (tables, figures, report.html); `python -m experiments.samples` makes sample.csv there.
+It also writes docs/results/ (tables, report.html); `python -m experiments.samples` makes sample.csv there.
 """
 
 import shutil

@@ -90,4 +90,4 @@ def test_the_files_of_results_are_the_same_byte_for_byte(tmp_path: Path, monkeyp
         written.append(files)
     assert written[0] == written[1] == written[2]
     tables = {"comparison.csv", "comparison.md", "episodes.csv"}
-    assert set(written[0]) == {"report.html", "comparison.png", *tables}
+    assert set(written[0]) == {"report.html", *tables}

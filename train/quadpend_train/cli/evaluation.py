@@ -38,7 +38,7 @@ def evaluate(
             of these sets.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode. Tuning uses seeds from 2000000, the selection of trained policies from 3000000.
-        out: Folder for report.html, the tables (.csv, .md) and the figure.
+        out: Folder for report.html and the tables (.csv, .md).
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results; only missing results are computed.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the

@@ -64,14 +64,6 @@ def set_log_ticks(scale: Any, multiples: tuple[float, ...]) -> None:
     scale.set_minor_locator(NullLocator())
 
 
-def add_legend(figure: Any, names: tuple[str, ...]) -> None:
-    """Add a legend of the policies above a figure."""
-    from matplotlib.lines import Line2D
-
-    handles = [Line2D([], [], color=colour(i), linestyle=line(i), label=name) for i, name in enumerate(names)]
-    figure.legend(handles=handles, loc="outside upper center", ncols=min(len(names), 6), frameon=False)
-
-
 def write_png(figure: Any, path: Path) -> None:
     """Write a PNG file."""
     with atomic(path) as unfinished:

@@ -1,4 +1,4 @@
-"""Evaluate policies and write the whole report: the page, tables, figures and data."""
+"""Evaluate policies and write the whole report: the page, tables and data."""
 
 import json
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios, compare
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.metrics import summary_table
-from quadpend_train.reports import figures, html_page, tables
+from quadpend_train.reports import html_page, tables
 
-FILES = ("report.html", "comparison.csv", "comparison.md", "episodes.csv", "comparison.png")
+FILES = ("report.html", "comparison.csv", "comparison.md", "episodes.csv")
 
 
 @dataclass(frozen=True)
@@ -51,5 +51,4 @@ def write(comparison: Comparison, folder: Path) -> None:
     for name, table in (("comparison", summary_table(comparison.summaries)), ("episodes", comparison.table)):
         write_text(folder / f"{name}.csv", provenance + table.to_csv(index=False, lineterminator="\n"))
     write_text(folder / "comparison.md", tables.markdown(comparison))
-    figures.write_png(tables.plot(comparison), folder / "comparison.png")
     html_page.write(comparison, folder / "report.html")

@@ -1,4 +1,4 @@
-"""Tables of a comparison for the terminal and in Markdown, sentences, and a figure of the error curves."""
+"""Tables of a comparison for the terminal and in Markdown, sentences, and error curves."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -108,21 +108,6 @@ def sentences(comparison: Comparison) -> list[str]:
     """Return one sentence for each policy but the first: in which scenarios it beats the first, and by how much."""
     first, *others = comparison.policies
     return [compare_pair(comparison.table, policy, first).sentence() for policy in others]
-
-
-def plot(comparison: Comparison) -> Any:
-    """Return a figure of the tracking errors over time in all scenarios."""
-    columns = min(len(comparison.scenarios), 2 if len(comparison.scenarios) <= 4 else 4)
-    rows = -(-len(comparison.scenarios) // columns)
-    figure = figures.new_figure(0.6 + 4.2 * columns, 0.6 + 2.7 * rows)
-    axes = figures.add_axes(figure, rows, columns).ravel()
-    for axis, scenario in zip(axes, comparison.scenarios, strict=False):
-        draw_errors(axis, comparison, scenario)
-        axis.set_title(scenario)
-    for axis in axes[len(comparison.scenarios) :]:
-        axis.set_axis_off()
-    figures.add_legend(figure, comparison.policies)
-    return figure
 
 
 def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
