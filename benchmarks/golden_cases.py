@@ -128,13 +128,11 @@ SWING_UP: dict[str, Parts] = {
     "recovery": {"task": "recovery", "duration": 4.0},
 }
 CLASSICAL = PAPER | HUMMINGBIRD | RIGID
-DELAYED = {name: CLASSICAL[name] for name in ("storm, lagged", "hummingbird, as flown")}
 # Scenarios of each policy; a learned policy has its name without the seed.
 FLIGHTS: dict[str, dict[str, Parts]] = {
     **dict.fromkeys(("adrc-paper", "adrc-matched", "adrc-tuned", "adrc-linear", "nmpc"), CLASSICAL),
     **dict.fromkeys(("flatness", "lqr", "lqi", "dual-mode"), CLASSICAL | LOAD),
     "lqg": CLASSICAL,
-    **dict.fromkeys(("flatness-unpredicted", "lqr-unpredicted"), DELAYED),
     "swing-up": {**SWING_UP, **RIGID},
     **dict.fromkeys(("apg", "ppo-alone", "sac-alone"), PAPER),
     **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops", "apg-vehicles-safe"), HUMMINGBIRD),

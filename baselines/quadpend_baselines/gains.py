@@ -86,7 +86,6 @@ class EstimatorGains:
     )
     models_loop: bool = False  # whether the gain is designed with the rate loop and the lag of the rotors
     mass_time: NotNegative = 0.0  # s, time constant of the estimate μ̂ of weight to thrust; 0: μ̂ = 1
-    predicts: bool = True  # whether known delays and lags of the loop are predicted through
 
 
 class Search(NamedTuple):
@@ -122,8 +121,7 @@ _GROUPS: dict[str, Callable[[Simulation], bool]] = {
 }
 _NOT_GAINS = ("law", "like", "vehicle", "search", "description")  # keys of the tables in the file
 _DATA = read_toml(Path(__file__).with_suffix(".toml"))
-_VARIANTS: dict[str, dict[str, Any]] = _DATA.pop("variants")
-DESCRIPTIONS: dict[str, str] = {name: table["description"] for name, table in {**_DATA["paper"], **_VARIANTS}.items()}
+DESCRIPTIONS: dict[str, str] = {name: table["description"] for name, table in _DATA["paper"].items()}
 
 
 def _table(group: str, name: str) -> dict[str, Any]:
@@ -133,7 +131,7 @@ def _table(group: str, name: str) -> dict[str, Any]:
 
 def law_of(name: str) -> Any:
     """Return the class of a controller, or of its law."""
-    module, _, kind = _table("paper", _VARIANTS[name]["of"] if name in _VARIANTS else name)["law"].partition(".")
+    module, _, kind = _table("paper", name)["law"].partition(".")
     return getattr(import_module(f"quadpend_baselines.controllers.{module}"), kind)
 
 
@@ -161,8 +159,6 @@ def gains_for(name: str, simulation: Simulation) -> Any:
     They are those of the most particular group of the file. Rigid vehicles have them scaled from the vehicle for which
     they were found. The name of a vehicle does not matter.
     """
-    if name in _VARIANTS:
-        return replace_gains(gains_for(_VARIANTS[name]["of"], simulation), _VARIANTS[name]["changes"])
     group = next(group for group, fits in _GROUPS.items() if name in _DATA[group] and fits(simulation))
     gains, vehicle, _ = tuning(name, group)
     if simulation.vehicle.attitude != "rigid":

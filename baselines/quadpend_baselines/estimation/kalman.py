@@ -272,14 +272,12 @@ class Estimator:
 
     gains: EstimatorGains  # noise levels of the Kalman filter
     simulation: Simulation  # nominal plant and control period
-    loop: Loop = field(default_factory=Loop)  # the known part of the loop; it is left out if `gains.predicts` is False
+    loop: Loop = field(default_factory=Loop)  # the known part of the loop
 
     @cached_property
     def prediction(self) -> Prediction:
         """The prediction (1)."""
-        return Prediction(
-            self.simulation, self.loop if self.gains.predicts else self.loop.unpredicted, self.gains.predicts
-        )
+        return Prediction(self.simulation, self.loop)
 
     @property
     def size(self) -> int:
