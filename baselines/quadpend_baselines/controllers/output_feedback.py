@@ -9,7 +9,7 @@ from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.estimation.estimate import Estimate, disturbance_of, nominal
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.prediction import Prediction, compensated
+from quadpend_baselines.estimation.prediction import Prediction
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
@@ -30,17 +30,15 @@ def command_of(law: Law, estimate: Estimate, memory: Any) -> tuple[Floats, Any]:
     return law.command(estimate, memory)
 
 
-def actions_of(law: Law, prediction: Prediction, estimate: Estimate, memory: Any) -> tuple[Floats32, Any]:
+def actions_of(law: Law, simulation: Simulation, estimate: Estimate, memory: Any) -> tuple[Floats32, Any]:
     """Return the actions of a law, shape (n, 4), and its memory, for the estimate at the time when the actions act."""
     command, after = command_of(law, nominal(estimate), memory)
     mass_ratio = estimate.mass_ratio[:, 0]
     if law.commands_actions:
         command[:, THRUST] = mass_ratio * (1.0 + command[:, THRUST]) - 1.0
-        wanted = np.clip(command, -1.0, 1.0).astype(np.float32)
-    else:
-        command[:, THRUST] *= mass_ratio
-        wanted = plant_of(prediction.simulation).actions_for(command, estimate.rigid)
-    return compensated(prediction, wanted, estimate.array), after
+        return np.clip(command, -1.0, 1.0).astype(np.float32), after
+    command[:, THRUST] *= mass_ratio
+    return plant_of(simulation).actions_for(command, estimate.rigid), after
 
 
 class OutputFeedback(Controller):
@@ -91,7 +89,7 @@ class OutputFeedback(Controller):
     def control(self, estimation: OutputFeedbackMemory) -> tuple[Floats32, OutputFeedbackMemory]:
         """Return the actions of n rows, shape (n, 4), and the memory."""
         later = self.estimator.prediction.carry_forward(estimation.estimate, estimation.action)
-        action, law_memory = actions_of(self._law, self.estimator.prediction, later, estimation.law_memory)
+        action, law_memory = actions_of(self._law, self.simulation, later, estimation.law_memory)
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
 
     def estimated_disturbance(self, memory: OutputFeedbackMemory) -> Floats:

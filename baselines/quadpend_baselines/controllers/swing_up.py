@@ -144,8 +144,8 @@ class SwingUp(Controller):
         phase = np.where(swings | balances, phase, Phase.DAMP)
         phase = np.where((phase == Phase.DAMP) & self._can_catch(s), Phase.BALANCE, phase)
         begins = (phase == Phase.DAMP) & self._rests(s)
-        if begins.any() and (self.loop.steps or self.loop.actuators):
-            raise ValueError("swing-up has a plan for a loop without delays, lags and rate limits only")
+        if begins.any() and (self.loop.steps or self.loop.lags):
+            raise ValueError("swing-up has a plan for a loop without delays and lags only")
         return np.where(begins, Phase.SWING, phase), np.where(begins, 0, step)
 
     def _can_catch(self, s: State) -> Booleans:

@@ -1,16 +1,10 @@
-"""The known part of the control loop: delays, lags and rate limits between the controller and the plant.
+"""The known part of the control loop: delays and lags between the controller and the plant.
 
 A controller that knows these models applies them to its own actions. All of them are time-invariant, so their delays
 can be taken together and put first. A delay of the sensors by d control steps is, for an observer of the delayed state
 z_k = x_{k−d}, one more delay of the actions:
 
     (1)  x_{k+1} = f(x_k, a_k)   ⟹   z_{k+1} = f(z_k, a_{k−d})
-
-A lag T is compensated down to `FASTEST_LAG` T': the action
-
-    (2)  a = y + (w − y) (1 − e^(−h/T'))/(1 − e^(−h/T))               h: control period, y: lagged action, T > T'
-
-moves y towards the wanted action w as a lag of T' does. The estimator predicts through the remaining lag.
 """
 
 from collections.abc import Iterable
@@ -19,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, lag_shares
+from quadpend_gym.actuators import ActionDelay, MotorLag, lag_shares
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.state import ACTION_SIZE
@@ -28,8 +22,6 @@ from quadpend_gym.sensors import Delay, Noise
 from quadpend_gym.tasks.observation import FULL, LAB, OUTPUT_FEEDBACK, ObservationLayout
 
 READABLE = FULL, LAB, OUTPUT_FEEDBACK  # what controllers read, the preferred ones first
-LAG, LIMIT = 0.0, 1.0  # kinds of actuators in `Loop.numbers`
-FASTEST_LAG = 0.02  # s, T': faster ones amplify noise, slower ones track less well; measured with `flatness`
 
 
 @dataclass(frozen=True)
@@ -38,14 +30,14 @@ class Loop:
 
     Attributes:
         delay: Control steps from the choice of an action to the step in which it begins to act, by the actuators.
-        actuators: Models of the types `MotorLag` and `RateLimit`, in the order in which they act after the delay.
+        lags: Time constants of the `MotorLag`s, which act after the delay, s.
         sensor_delay: Control steps from a state to its measurement.
         noise: Standard deviations of the white noise of position (m), Euler angles (rad) and direction (rad).
         observation: The fields that the controller reads, `FULL`, `LAB` or `OUTPUT_FEEDBACK`.
     """
 
     delay: int = 0
-    actuators: tuple[Any, ...] = ()
+    lags: tuple[float, ...] = ()
     sensor_delay: int = 0
     noise: tuple[float, float, float] = (0.0, 0.0, 0.0)
     observation: ObservationLayout = FULL
@@ -62,7 +54,7 @@ class Loop:
                 noise += white**2 * (a * a + a * b + b * b) / 3.0
         return cls(
             sum(model.steps for model in models if isinstance(model, ActionDelay)),
-            tuple(model for model in models if isinstance(model, MotorLag | RateLimit)),
+            tuple(model.time_constant for model in models if isinstance(model, MotorLag)),
             sum(model.steps for model in sensors if isinstance(model, Delay)),
             tuple(np.sqrt(noise).tolist()),
         )
@@ -100,36 +92,17 @@ class Loop:
         """Control steps from the choice of an action to the step in which the estimated state begins to follow it."""
         return self.delay + self.sensor_delay
 
-    @property
-    def lag(self) -> float:
-        """Sum of the time constants of the compensated lags, s."""
-        lags = [min(model.time_constant, FASTEST_LAG) for model in self.actuators if isinstance(model, MotorLag)]
-        return float(sum(lags))
-
     def numbers(self, period: float) -> Floats:
-        """Return the actuators as rows of kind, decay, share or limit, and factor of equation (2), shape (k, 4).
-
-        They act in a period, s.
-        """
-        rows = []
-        for model in self.actuators:
-            if isinstance(model, RateLimit):
-                rows.append((LIMIT, 0.0, model.rate * period, 0.0))
-                continue
-            ratio, factor = period / model.time_constant, 0.0
-            if model.time_constant > FASTEST_LAG:
-                factor = np.expm1(-period / FASTEST_LAG) / np.expm1(-ratio)
-            mean, left = lag_shares(ratio)
-            rows.append((LAG, left, mean, factor))
-        return np.array(rows).reshape(-1, 4)
+        """Return what each lag leaves of a − y in the mean over a period (s), and at its end: shares, shape (k, 2)."""
+        return np.array([lag_shares(period / time_constant) for time_constant in self.lags]).reshape(-1, 2)
 
 
 @inlined
-def act(action: Any, delay: int, actuators: Any, memory: Any, first: int, lane: int) -> None:
+def act(action: Any, delay: int, lags: Any, memory: Any, first: int, lane: int) -> None:
     """Replace the action that the controller has chosen in a control step by the one that acts, in place.
 
-    `actuators` are `Loop.numbers`, k of them. The memory begins with field `first`: the actions under way, the oldest
-    first, and the memory of each actuator, 4 (delay + k) numbers. It is zero at the start of an episode.
+    `lags` are `Loop.numbers`, k of them. The memory begins with field `first`: the actions under way, the oldest first,
+    and the action behind each lag, 4 (delay + k) numbers. It is zero at the start of an episode.
     """
     waiting = ACTION_SIZE * delay
     for i in range(ACTION_SIZE):
@@ -138,28 +111,9 @@ def act(action: Any, delay: int, actuators: Any, memory: Any, first: int, lane: 
             for k in range(first + i, first + waiting - ACTION_SIZE, ACTION_SIZE):
                 memory[k, lane] = memory[k + ACTION_SIZE, lane]
             memory[first + waiting - ACTION_SIZE + i, lane] = chosen
-        for k in range(actuators.shape[0]):
+        for k in range(lags.shape[0]):
             place = first + waiting + ACTION_SIZE * k + i
-            wanted, last, share = action[i, 0], memory[place, lane], actuators[k, 2]
-            if actuators[k, 0] == LAG:
-                memory[place, lane] = wanted + actuators[k, 1] * (last - wanted)
-                action[i, 0] = wanted + share * (last - wanted)
-            else:
-                memory[place, lane] = last + min(max(wanted - last, -share), share)
-                action[i, 0] = memory[place, lane]
+            wanted, last = action[i, 0], memory[place, lane]
+            memory[place, lane] = wanted + lags[k, 1] * (last - wanted)
+            action[i, 0] = wanted + lags[k, 0] * (last - wanted)
         action[i, 0] = float(np.float32(action[i, 0]))
-
-
-@inlined
-def compensate(action: Any, delay: int, actuators: Any, memory: Any, first: int, lane: int) -> None:
-    """Replace wanted actions by those of equation (2), clipped to their range, in place; the arguments are as in `act`.
-
-    `action` has shape (4, n). The memory is that at the time when the action acts.
-    """
-    for i in range(ACTION_SIZE):
-        for back in range(actuators.shape[0]):
-            k = actuators.shape[0] - 1 - back
-            if actuators[k, 3] > 0.0:
-                lagged = memory[first + ACTION_SIZE * (delay + k) + i, lane]
-                sent = lagged + actuators[k, 3] * (action[i, lane] - lagged)
-                action[i, lane] = float(np.float32(min(max(sent, -1.0), 1.0)))

@@ -30,7 +30,7 @@ from quadpend_baselines.estimation.estimate import (
     project_direction,
     rebase,
 )
-from quadpend_baselines.estimation.loop import Loop, act, compensate
+from quadpend_baselines.estimation.loop import Loop, act
 from quadpend_baselines.modelling.equivalent import Pendulum, equivalent_model
 from quadpend_baselines.modelling.quantities import load_state, store_vectors
 from quadpend_gym import Simulation
@@ -76,7 +76,7 @@ class LoopNumbers(NamedTuple):
 
     parts: Any  # length (s) and substeps, shape (k, 2)
     nominal: Any  # see `Schedule.loops`, shape (10 + s, 1)
-    actuators: Any  # `Loop.numbers` of each part, shape (k, m, 4)
+    lags: Any  # `Loop.numbers` of each part, shape (k, m, 2)
     plant: PlantNumbers
 
 
@@ -124,12 +124,12 @@ def advance(
 
     Its reference moves along. The buffer has the shape (BUFFER_SIZE, 1).
     """
-    plant, actuators = loop.plant, loop.actuators[k]
+    plant, lags = loop.plant, loop.lags[k]
     period, substeps, numbers = loop.parts[k, 0], int(loop.parts[k, 1]), loop.nominal
     issued, acting, command = buffer[_BEFORE:_FORCES], buffer[_ACTION:_FORCES], buffer[ACTED:BUFFER_SIZE]
     store_four(acting, 0, 0, action)
-    act(acting, plant.delay, actuators, memory, LOOP, lane)
-    last = LOOP + ACTION_SIZE * (plant.delay + actuators.shape[0])
+    act(acting, plant.delay, lags, memory, LOOP, lane)
+    last = LOOP + ACTION_SIZE * (plant.delay + lags.shape[0])
     if numbers[LOOP_SIZE, 0] > 0.0:
         for i in range(ACTION_SIZE):
             issued[i, 0], memory[last + i, lane] = memory[last + i, lane], acting[i, 0]
@@ -238,12 +238,6 @@ def _add_reference_drag(estimate: Floats, packed: Any, packed_rigid: Floats | No
         add_reference_drag(estimate.T, row, loop, rigid)
 
 
-@compiled
-def _compensate(action: Floats, delay: int, actuators: Floats, memory: Floats) -> None:
-    for row in range(action.shape[0]):
-        compensate(action.T, delay, actuators, memory.T, LOOP, row)
-
-
 @dataclass(frozen=True)
 class Prediction:
     """Equation (1) for n rows."""
@@ -266,7 +260,7 @@ class Prediction:
     @cached_property
     def loop_size(self) -> int:
         """Length of the memory of the known loop, with the last action if it is needed."""
-        return ACTION_SIZE * (self.loop.steps + len(self.loop.actuators) + (self._latency[1] > 0))
+        return ACTION_SIZE * (self.loop.steps + len(self.loop.lags) + (self._latency[1] > 0))
 
     @cached_property
     def parts(self) -> Floats:
@@ -274,15 +268,15 @@ class Prediction:
         substeps, switch = self.simulation.substeps, self._latency[1]
         substep = self.simulation.period / substeps
         numbers = [substeps] * (1 + self.loop.steps)
-        rest = switch + round(self.loop.lag / substep)
+        rest = switch + round(sum(self.loop.lags) / substep)
         while rest > 0:
             numbers.append(min(rest, substeps))
             rest -= numbers[-1]
         return np.array([[n * substep if n < substeps else self.simulation.period, n] for n in numbers])
 
     @cached_property
-    def actuators(self) -> Floats:
-        """The actuators in each of the parts, shape (k, m, 4)."""
+    def lags(self) -> Floats:
+        """The lags in each of the parts, shape (k, m, 2)."""
         return np.array([self.loop.numbers(period) for period in self.parts[:, 0]])
 
     @cached_property
@@ -295,13 +289,13 @@ class Prediction:
         )
         rest = self._latency[1] * self.simulation.period / self.simulation.substeps
         schedule = Schedule(None, replace(self.simulation, latency=rest), 1)
-        return (self.parts, schedule.loops, self.actuators, pack(plant)), model.packed_rigid
+        return (self.parts, schedule.loops, self.lags, pack(plant)), model.packed_rigid
 
     def carry_forward(self, estimate: Estimate, action: Floats32) -> Estimate:
         """Return the estimate at the time when the next action acts.
 
-        The latest action that the controller has chosen, shape (n, 4), is taken to continue while a lag of the
-        actuators is predicted through.
+        The latest action that the controller has chosen, shape (n, 4), is taken to continue while a lag is predicted
+        through.
         """
         if len(self.parts) == 1:
             return estimate
@@ -329,16 +323,3 @@ class Prediction:
         acted = np.empty((len(estimate), ACTION_SIZE))
         _advance(estimate, action, first, end, *self.numbers, acted)
         return acted
-
-
-def compensated(prediction: Prediction, wanted: Any, estimate: Any) -> Any:
-    """Return the actions that compensate the lags of the loop, shape (n, 4), see `loop.compensate`.
-
-    The estimate, shape (n, k), is that of the time when the wanted actions act.
-    """
-    actuators = prediction.actuators[0]
-    if not actuators[:, 3].any():
-        return wanted
-    out = wanted.astype(np.float64)
-    _compensate(out, prediction.loop.steps, actuators, estimate)
-    return out.astype(np.float32)

@@ -217,16 +217,6 @@ def test_a_simulation_at_rest_is_not_blind() -> None:
     assert (max(held), held[-1]) == (30, 0)
 
 
-def test_the_drag_of_a_moving_reference_is_no_disturbance() -> None:
-    """On a circle of 3 m/s² in calm air, errors alone leave 0.5 N unexplained."""
-    circle = replace(SCENARIOS["flight_circle"], wind=None, sensors=(), actuators=())
-    forces = []
-    for observation in ("lab", "output_feedback"):
-        _, memory, _, _ = flight("dual-mode", 200, scenario=replace(circle, observation=observation))
-        forces.append(np.linalg.norm(memory.estimate.disturbance[:, :2], axis=1).max())
-    assert forces[0] < 0.1 * forces[1]
-
-
 def test_the_yaw_error_is_within_half_a_turn() -> None:
     policy, _, actions, seen = flight("lqg", 50, scenario=HOVER)
     turned = seen.copy()

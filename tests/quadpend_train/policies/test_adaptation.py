@@ -20,7 +20,7 @@ from tests.helpers.bad_input import assert_refused
 from tests.helpers.policies import ESTIMATE_ONLY, mlp_policy
 
 DELAYED = Scenario(sensors=[Noise(position=0.001), Delay(1)], actuators=[ActionDelay(2), MotorLag(0.02)])
-LOOP = Loop(delay=2, actuators=(MotorLag(0.02),), sensor_delay=1, noise=(0.001, 0.0, 0.0))
+LOOP = Loop(delay=2, lags=(0.02,), sensor_delay=1, noise=(0.001, 0.0, 0.0))
 BODY_RATES = Scenario(vehicle="hummingbird", interface="body_rates")
 
 

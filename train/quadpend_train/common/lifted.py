@@ -75,7 +75,7 @@ def advances(prediction: Prediction, size: int, kernel: Any = advance) -> tuple[
     found: dict[tuple[float, ...], str] = {}
     functions, names = {}, []
     for k, part in enumerate(prediction.parts):
-        key = (*part, *prediction.actuators[k].ravel())
+        key = (*part, *prediction.lags[k].ravel())
         if key not in found:
             found[key] = f"advance_{len(found)}"
 

@@ -204,7 +204,7 @@ def _with_control(observer: Program, base: OutputFeedback, shift: Any) -> _Base:
 
     def control(later: Any, law_memory: Any) -> tuple[Any, Any]:
         act, last = lift(actions_of, {**_PLANT, command_of: command}), row(law_memory) if law_size else ()
-        action, after = act(base._law, prediction, Estimate(later), last)
+        action, after = act(base._law, base.simulation, Estimate(later), last)
         return vector(action), vector(after) if law_size else law_memory
 
     def seen(estimate: Any) -> Any:
