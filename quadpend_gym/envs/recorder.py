@@ -19,21 +19,19 @@ from quadpend_gym.viewer import check_pygame
 from quadpend_gym.viewer.snapshot import Snapshot, shape_of
 
 HISTORY_STEPS = 200  # latest states that are stored for each sub-environment
-MAX_TILES = 64  # largest number of sub-environments in a mosaic or a window
 
 
 class Recorder:
-    """The latest step of every visible sub-environment, and the part of its history that a picture shows.
+    """The latest step of every sub-environment, and the part of its history that a picture shows.
 
     Args:
         world: The simulation that is recorded.
-        mode: Render mode: ``"human"``, ``"rgb_array"``, or for vector environments ``"mosaic"``. With ``"rgb_array"``
-            all sub-environments are visible, otherwise the first 64.
+        mode: Render mode: ``"rgb_array"``, or for a single environment ``"human"``.
     """
 
     def __init__(self, world: World, mode: str) -> None:
-        n = world.num_envs if mode == "rgb_array" else min(world.num_envs, MAX_TILES)
-        self.world, self.mode, self._visible = world, mode, n
+        n = world.num_envs
+        self.world, self.mode = world, mode
         self._started = np.zeros(n, np.bool_)
         self._outcome = np.zeros((0, n))
         self._return = np.zeros(n)
@@ -48,16 +46,15 @@ class Recorder:
 
     def start_episodes(self, rows: Integers, outcome: Floats) -> None:
         """Record that episodes have started in the sub-environments `rows`, shape (m,); `outcome` is that of all."""
-        rows = rows[rows < self._visible]
         self._started[rows], self._return[rows], self._outcome = True, 0.0, outcome
         self._states[self._latest, rows] = self.world.state[rows]
 
     def record_step(self, outcome: Floats) -> None:
         """Record a step of all sub-environments, see `World.step`."""
-        n, self._outcome = self._visible, outcome
-        self._return += outcome[REWARD, :n]
+        self._outcome = outcome
+        self._return += outcome[REWARD, : self.world.num_envs]
         self._latest = (self._latest + 1) % HISTORY_STEPS
-        self._states[self._latest] = self.world.state[:n]
+        self._states[self._latest] = self.world.state
 
     def snapshot(self, row: int = 0) -> Snapshot:
         """Return the snapshot of one sub-environment after its latest step."""
@@ -81,12 +78,8 @@ class Recorder:
             world.task.side,
         )
 
-    def snapshots(self) -> list[Snapshot]:
-        """Return the snapshots of all visible sub-environments."""
-        return [self.snapshot(row) for row in range(self._visible)]
-
     def show(self) -> None:
-        """With the render mode ``"human"``, show the snapshots, and wait until the next step is due."""
+        """With the render mode ``"human"``, show the snapshot, and wait until the next step is due."""
         if self.mode != "human":
             return
         if self._window is None:
@@ -94,26 +87,23 @@ class Recorder:
             from quadpend_gym.viewer.window import Window
 
             self._window = Window(self.world.simulation.period)
-        self._window.show(self.snapshots)
+        self._window.show(self.snapshot)
 
     def pop_end_request(self) -> bool:
-        """Return whether the user has asked to end the running episodes, and clear this request."""
+        """Return whether the user has asked to end the running episode, and clear this request."""
         return self._window is not None and bool(self._window.pop_end_request())
 
     def render(self) -> Any:
-        """Return the pictures of the render mode: a tuple, with ``"mosaic"`` one, and None with ``"human"``."""
+        """Return the pictures of all sub-environments, a tuple; with ``"human"`` None."""
+        snapshots = [self.snapshot(row) for row in range(self.world.num_envs)]  # ResetNeeded if any has not started
         if self.mode == "human":
-            self.snapshot(int(self._started.argmin()))  # raises ResetNeeded if any has not started
             return None
-        snapshots = self.snapshots()
         if self._picture is None:
             check_pygame()
             from quadpend_gym.viewer.picture import Picture
 
             self._picture = Picture()
-        if self.mode == "mosaic":
-            return self._picture.render(snapshots)
-        return tuple(self._picture.render([snapshot]) for snapshot in snapshots)
+        return tuple(self._picture.render(snapshot) for snapshot in snapshots)
 
     def close(self) -> None:
         """Close the window, if there is one."""

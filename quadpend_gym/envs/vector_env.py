@@ -22,7 +22,7 @@ from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.library import as_scenario
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
-_METADATA = {"render_modes": ["human", "rgb_array", "mosaic"], "render_fps": round(1.0 / CONTROL_PERIOD)}
+_METADATA = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_PERIOD)}
 
 
 class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
@@ -38,10 +38,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             −1: never.
         autoreset_mode: An `AutoresetMode` or its value: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``. Only with
             the value, which is a string, can the specification be converted to JSON.
-        render_mode: As in `QuadPendulumEnv`. With ``"rgb_array"`` the method `render` returns a tuple of one array for
-            each sub-environment, with ``"mosaic"`` one array that shows the first 64 as tiles; ``"human"`` shows these
-            tiles in a window. Gymnasium's vector `RecordVideo` needs one array for each sub-environment: use it with
-            ``"rgb_array"``.
+        render_mode: With ``"rgb_array"`` the method `render` returns a tuple of one array for each sub-environment, as
+            in `QuadPendulumEnv`.
         parts: Fields of the scenario, as in `QuadPendulumEnv`.
     """
 
@@ -111,7 +109,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         observation, outcome = self.world.observe(np.arange(self.num_envs))
         if self.recorder is not None:
             self.recorder.start_episodes(rows, outcome)
-            self.recorder.show()
         return observation[:, self._columns], self._info(outcome, mask)
 
     def step(self, actions: Any) -> tuple[Floats32, Floats, Booleans, Booleans, dict[str, Any]]:
@@ -143,7 +140,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         if restarts:
             reward[self._ended], terminated[self._ended] = 0.0, False
             self._restart(np.flatnonzero(self._ended), observation, outcome)
-        truncated = self._truncated()
+        truncated = np.asarray(self.world.clock >= self.max_episode_steps)
         ended = terminated | truncated
         self._ended = ended.copy()
         final: dict[str, Any] = {}
@@ -157,32 +154,19 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             final_info = self._info(final_outcome, ended)
             final = {"final_obs": final_obs, "final_info": final_info, "_final_obs": ended, "_final_info": ended}
             self._restart(rows, observation, outcome)
-        if self.recorder is not None:
-            self.recorder.show()
         info = self._info(outcome, np.ones(self.num_envs, np.bool_))
         return observation[:, self._columns], reward, terminated, truncated, {**info, **final}
 
     def render(self) -> Any:
-        """Return the pictures of the render mode.
-
-        They are a tuple of arrays of shape (480, 640, 3), uint8, with ``"rgb_array"``, one such array with
-        ``"mosaic"``, and otherwise None.
-        """
+        """Return a tuple of arrays of shape (480, 640, 3), uint8, with the render mode ``"rgb_array"``; else None."""
         if self.recorder is None:
             warn_without_render_mode(self)
             return None
         return self.recorder.render()
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close the window, if there is one, and end the processes of an autopilot."""
+        """End the processes of an autopilot, if there is one."""
         self.world.close()
-        if self.recorder is not None:
-            self.recorder.close()
-
-    def _truncated(self) -> Booleans:
-        if self.recorder is not None and self.recorder.pop_end_request():
-            return np.ones(self.num_envs, np.bool_)
-        return np.asarray(self.world.clock >= self.max_episode_steps)
 
     def _restart(self, rows: Integers, observation: Floats32, outcome: Floats) -> None:
         """Start the next episode of some sub-environments and overwrite their observations and outcomes."""

@@ -1,6 +1,5 @@
-"""A picture of one snapshot, or of several side by side."""
+"""A picture of a snapshot."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -39,22 +38,9 @@ class Picture:
         scene.draw(surface, view, snapshot, colour)
         _write_numbers(surface, snapshot, title, colour)
 
-    def draw_mosaic(self, surface: Any, snapshots: Sequence[Snapshot]) -> None:
-        """Draw snapshots side by side; a single one fills the surface."""
-        width, height = surface.get_size()
-        columns = int(np.ceil(np.sqrt(len(snapshots))))
-        rows = -(-len(snapshots) // columns)
-        surface.fill(palette.INK)
-        for i, snapshot in enumerate(snapshots):
-            left, right = (width * (i % columns + k) // columns for k in (0, 1))
-            top, bottom = (height * (i // columns + k) // rows for k in (0, 1))
-            edge = 0 if len(snapshots) == 1 else 1
-            tile = surface.subsurface((left, top, max(right - left - edge, 1), max(bottom - top - edge, 1)))
-            self.draw(tile, snapshot)
-
-    def render(self, snapshots: Sequence[Snapshot]) -> Bytes:
-        """Draw snapshots side by side and return the picture, shape (480, 640, 3), uint8."""
-        self.draw_mosaic(self._surface, snapshots)
+    def render(self, snapshot: Snapshot) -> Bytes:
+        """Draw a snapshot and return the picture, shape (480, 640, 3), uint8."""
+        self.draw(self._surface, snapshot)
         return surface_to_array(self._surface)
 
 

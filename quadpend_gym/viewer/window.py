@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import pygame
@@ -49,8 +49,8 @@ class Window:
         requested, self._end_requested = self._end_requested, False
         return requested
 
-    def show(self, snapshots: Callable[[], Sequence[Snapshot]]) -> None:
-        """Show the current snapshots, which are made only if a picture is drawn, and wait until the next are due."""
+    def show(self, snapshot: Callable[[], Snapshot]) -> None:
+        """Show the current snapshot, which is made only if a picture is drawn, and wait until the next one is due."""
         controls = self._controls
         controls.closed |= not pygame.display.get_init()  # other code may have closed pygame's one window
         if controls.closed:
@@ -61,7 +61,7 @@ class Window:
                 for event in pygame.event.get():
                     controls.handle(event)
                 if now - self._drawn >= _FRAME_TIME:
-                    self.picture.draw_mosaic(self._screen, snapshots())
+                    self.picture.draw(self._screen, snapshot())
                     pygame.display.flip()
                     self._drawn = time.perf_counter()  # after drawing, so that slow pictures are skipped
             if not controls.paused and now >= self._due:

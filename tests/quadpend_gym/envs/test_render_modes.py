@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 
-from quadpend_gym import Reference
 from tests.helpers.envs import (
     AUTORESET_MODES,
     WINDY,
@@ -57,17 +56,6 @@ def test_a_picture_after_an_autoreset_shows_the_new_episode(mode: str) -> None:
         assert (snapshot.time, snapshot.episode_return, len(snapshot.trail)) == (0.0, 0.0, 1)
 
 
-def test_mosaic_has_a_tile_for_each_sub_environment() -> None:
-    env = make_vec(4, render_mode="mosaic")
-    env.reset(seed=0, options={"reference": [Reference.hover(), *[Reference.circle(1.0, 1.0)] * 3]})
-    before = env.render()
-    env.reset(options={"reset_mask": np.array([False, False, False, True])})
-    changed = (env.render() != before).any(axis=-1)
-    assert changed[240:, 320:].any()
-    assert not changed[:240].any()
-    assert not changed[:, :319].any()
-
-
 @pytest.mark.parametrize("mode", ["rgb_array", "human"])
 def test_a_render_mode_changes_no_number(mode: str) -> None:
     one, other = make(wind=WINDY, render_mode=mode), make(wind=WINDY)
@@ -80,11 +68,7 @@ def test_a_render_mode_changes_no_number(mode: str) -> None:
 
 
 def test_render_before_reset_raises_reset_needed() -> None:
-    for env in (
-        make(render_mode="rgb_array"),
-        make_unwrapped(render_mode="rgb_array"),
-        make_vec(2, render_mode="mosaic"),
-    ):
+    for env in (make(render_mode="rgb_array"), make_unwrapped(render_mode="rgb_array")):
         with pytest.raises(ResetNeeded, match="reset") as caught:
             env.render()
         assert "\n" not in str(caught.value)

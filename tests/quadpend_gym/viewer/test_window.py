@@ -10,7 +10,7 @@ import pytest
 from gymnasium.error import DependencyNotInstalled, Error
 
 from quadpend_gym.viewer import window
-from tests.helpers.envs import ENDLESS, make, make_unwrapped, make_vec
+from tests.helpers.envs import ENDLESS, make, make_unwrapped
 
 ZERO = np.zeros(4, np.float32)
 
@@ -105,18 +105,6 @@ def test_the_mouse_moves_the_camera(env: Any, clock: Clock) -> None:
     assert after(pygame.event.Event(pygame.MOUSEMOTION, buttons=(0, 0, 0), **drag)) == (0.0, 0.0, 1.0)
     azimuth, elevation, _ = after(pygame.event.Event(pygame.MOUSEMOTION, buttons=(1, 0, 0), **drag))
     assert azimuth < 0 < elevation
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_closing_the_window_truncates_every_sub_environment(clock: Clock, mode: str) -> None:
-    env = make_vec(3, render_mode="human", autoreset_mode=mode)
-    env.reset(seed=0)
-    clock.post(0.02, pygame.K_ESCAPE)
-    truncated = np.array([env.step(np.zeros((3, 4)))[3] for _ in range(20)])
-    assert (truncated.sum(axis=0) == 1).all()
-    assert (env.world.clock < 20).all()
-    assert (env.world.episode == 1).all()
-    env.close()
 
 
 @pytest.mark.parametrize(
