@@ -14,7 +14,6 @@ from quadpend_gym.engines.functions import (
     initial_memory,
     observation_function,
     reference_function,
-    reward_function,
     step_function,
 )
 from quadpend_gym.engines.generated_c import CompiledFunction
@@ -28,7 +27,6 @@ __all__ = [
     "lift",
     "observation_function",
     "reference_function",
-    "reward_function",
     "scalar_c",
     "step_function",
     "vector",

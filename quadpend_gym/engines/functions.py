@@ -1,4 +1,4 @@
-"""The control step, the observation, the reward and the references as functions of CasADi.
+"""The control step, the observation and the references as functions of CasADi.
 
 Every function is a `casadi.Function` with named arguments and results, which are column vectors. Derivatives are made
 by ``function.factory``, for example the Jacobian of the next state with respect to the action by
@@ -25,19 +25,15 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines.lifting import columns, lift, vector
-from quadpend_gym.envs.kernel_layout import make_weights
 from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.physics.plant_kernel import LANE_STATE_SIZE, LOOP_SIZE, acts_later
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     COMMAND_SIZE,
-    DIRECTION,
-    DIRECTION_RATE,
     DISTURBANCE_SIZE,
     STATE_SIZE,
 )
-from quadpend_gym.physics.vectors import load
 from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.tasks.observation import (
     ALL,
@@ -49,10 +45,8 @@ from quadpend_gym.tasks.observation import (
     tracking_errors,
 )
 from quadpend_gym.tasks.references import POINT_SIZE, REFERENCE_SIZE, ReferencePoint, load_point
-from quadpend_gym.tasks.rewards import reward, reward_terms, steady_share
-from quadpend_gym.tasks.task import Task
 from quadpend_gym.tasks.trajectories import reference_at
-from quadpend_gym.vehicles import CONTROL_PERIOD, Simulation
+from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import HAND, WIND_FIELDS, WIND_SIZE
 
@@ -148,22 +142,3 @@ def observation_function() -> Any:
     target, p = Target(point.d0, point.d1, point.yaw), x["parameters"]
     lift(observe_target)(target, p[ROD_LENGTH], p[BOB_MASS], 0, out)
     return _function("observation", x, observation=vector(out), tracking_error=vector(tracking.error))
-
-
-@lru_cache(maxsize=8)
-def reward_function(task: Task, period: float = CONTROL_PERIOD) -> Any:
-    """Return the reward and its four terms in the state that an action led to.
-
-    (state, action, parameters, point) → (reward, terms), see `quadpend_gym.tasks.rewards`. With an `action_rate` the
-    function has a fifth argument, the previous action; `period` (s) is the time between the two.
-    """
-    x = _symbols(state=STATE_SIZE, action=ACTION_SIZE, parameters=PARAMETERS_SIZE, point=POINT_SIZE)
-    state, weights = columns(x["state"]), make_weights(task)
-    point, cosine = lift(load_point)(columns(x["point"]), 0), task.side * state[DIRECTION + 2, 0]
-    tracking = _errors(state, x["parameters"], point)
-    terms = lift(reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(x["action"]), 0, weights.tip)
-    total = lift(reward)(terms, cosine, lift(load)(state, DIRECTION_RATE, 0), weights)
-    if share := task.reward.action_rate:
-        x |= _symbols(previous=ACTION_SIZE)
-        total *= steady_share(x["action"] - x["previous"], period, share)
-    return _function("reward", x, reward=total, terms=vector(terms))
