@@ -42,11 +42,6 @@ def hovering(**fields: Any) -> Snapshot:
     )
 
 
-def in_wind(*force: float) -> Snapshot:
-    """Return a snapshot with this force on the quadrotor, N."""
-    return hovering()._replace(disturbance=np.array([*force, *np.zeros(6)]))
-
-
 def draw_scene(snapshot: Snapshot, camera: Camera, at: Floats | tuple[float, ...]) -> Bytes:
     """Return the picture of the scene without the head-up display; the camera looks at the point `at`."""
     surface = pygame.Surface(SIZE)

@@ -24,7 +24,6 @@ from tests.helpers.envs import (
     assert_same,
     draw_actions,
     run_actions,
-    select_info,
 )
 from tests.helpers.random_settings import INTERFACES
 from tests.helpers.wrappers import (
@@ -106,18 +105,6 @@ def test_every_row_equals_a_single_environment(layers: Layers, kwargs: dict[str,
             assert_same_info(info, their_info, over)
     assert np.sum(ends, axis=(0, 2)).all() or "vehicle" in kwargs
     assert np.sum(ends, axis=(0, 1)).min() >= 2
-
-
-@cases
-def test_results_do_not_depend_on_the_number_of_rows(layers: Layers, kwargs: dict[str, Any]) -> None:
-    """Of which 130 are two blocks of 64 and two rows more."""
-    many, few = (make_wrapped_vec(rows, layers, autoreset_mode="SameStep", **kwargs) for rows in (130, 3))
-    assert_same(many.reset(seed=0)[0][:3], few.reset(seed=0)[0])
-    actions = draw_actions(0, 30, 130)
-    for one, other in zip(run_actions(many, actions), run_actions(few, actions[:, :3]), strict=True):
-        assert_same([part[:3] for part in one[:4]], other[:4])
-        for row in range(3):
-            assert_same(select_info(one[4], row), select_info(other[4], row))
 
 
 @stacks

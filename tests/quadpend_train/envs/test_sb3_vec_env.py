@@ -101,26 +101,6 @@ def test_what_has_no_value_for_one_row_is_refused_for_some_rows() -> None:
         env.get_attr("num_envs", 2)
 
 
-def test_means_cover_all_sub_environments_and_the_steps_since_the_last_call() -> None:
-    inner, reference = (QuadPendulumVectorEnv(3, wind=OrnsteinUhlenbeck(), autoreset_mode="SameStep") for _ in range(2))
-    env = SB3VecEnv(inner, 0.01)
-    env.seed(0)
-    env.reset()
-    assert env.take_means() == {}
-    reference.reset(seed=0)
-    for steps in (1, 4):
-        step_infos = [reference.step(np.zeros((3, 4), np.float32))[4] for _ in range(steps)]
-        for _ in range(steps):
-            env.step(np.zeros((3, 4), np.float32))
-        means = env.take_means()
-        assert means.keys() == {"tracking", "upright", "yaw", "effort", "tracking_error"}
-        error = np.mean([np.linalg.norm(info["tracking_error"], axis=1) for info in step_infos])
-        assert means.pop("tracking_error") == pytest.approx(error)
-        for name, value in means.items():
-            assert value == pytest.approx(np.mean([info["reward_terms"][name] for info in step_infos]))
-    assert env.take_means() == {}
-
-
 def test_restart_begins_new_episodes_in_some_rows_only() -> None:
     envs = [QuadPendulumVectorEnv(2, autoreset_mode="SameStep") for _ in range(2)]
     env = SB3VecEnv(ConcatenatedVectorEnv(envs))
