@@ -28,7 +28,7 @@ COASTS = 30  # control periods without a correction for which the Kalman filter 
 _USED = POSITION, EULER, DIRECTION
 # g, g' and g'' of these (m, rad and 1), in s: of position and direction five times the largest seen in the scenarios of
 # training, with coasts of up to 0.1 s, and three times it with coasts of 0.3 s; those of angles are set by hand
-_LIMITS = (0.06, 0.2, 8.0), (0.6, 3.0, 30.0), (0.06, 0.15, 6.0)
+GATES = (0.06, 0.2, 8.0), (0.6, 3.0, 30.0), (0.06, 0.15, 6.0)
 _FULL = 0.2  # share of equation (1) up to which an error counts in full
 
 
@@ -54,7 +54,7 @@ def remember(memory: Any, lane: int, seen: Any) -> float:
 @inlined
 def _limit(i: int, t: float) -> float:
     """Return equation (1) for item i of `_USED`."""
-    return _LIMITS[i][0] + t * (_LIMITS[i][1] + 0.5 * t * _LIMITS[i][2])
+    return GATES[i][0] + t * (GATES[i][1] + 0.5 * t * GATES[i][2])
 
 
 @inlined

@@ -1,4 +1,5 @@
-/* Golden vectors of @name@.c: inputs of @steps@ control steps and what the Python policy commanded. See docs/deploy.md.
+/* Golden vectors of @name@.c: inputs of @steps@ control steps, and what the Python policy commanded; and the statuses of
+ * the supervisor for a slow vehicle whose samples are damaged. See docs/deploy.md.
  *
  *     cc -std=c99 -O2 @name@.c @name@_check.c -lm -o check && ./check */
 #include "@name@.h"
@@ -27,7 +28,7 @@ static const real *copy(int count, const real *from, real *to) {
   return from + count;
 }
 
-int main(void) {
+static real largest_error(void) {
   @name@_policy policy;
   @name@_measurement measurement;
   @name@_reference reference;
@@ -51,6 +52,66 @@ int main(void) {
     copy(3, expected + 1, command.@turning@);
     @name@_applied(&policy, &command); /* rounding must not grow over the steps */
   }
-  printf("%s: largest error %.2g of the range of the command\n", worst <= TOLERANCE ? "passed" : "failed", (double)worst);
-  return !(worst <= TOLERANCE);
+  return worst;
+}
+
+enum { MISSING = 1, REPEATED, NO_NUMBER, NO_QUATERNION, NEGATIVE, OLD, FAR, JUMPS, LIES };
+#define INVALID (@name@_BLIND | @name@_INVALID)
+#define KILLED (@name@_RESTARTED | @name@_POLE_TILT | @name@_KILLED)
+static const struct {
+  int from, to, damage;
+  uint32_t status;
+} expected_statuses[] = {
+  {20, 24, MISSING, @name@_BLIND},        {30, 32, REPEATED, @name@_BLIND | @name@_FROZEN},
+  {40, 40, FAR, @name@_BLIND | @name@_OUTLIER}, {45, 45, NO_NUMBER, INVALID},
+  {50, 50, NO_QUATERNION, INVALID},       {55, 55, NEGATIVE, INVALID},
+  {60, 60, OLD, @name@_BLIND},            {65, 65, JUMPS, @name@_REFERENCE},
+  {66, 66, 0, @name@_REFERENCE},          {80, 84, LIES, @name@_BLIND | @name@_OUTLIER},
+  {85, 85, LIES, KILLED},                 {86, @steps@ - 1, 0, @name@_KILLED},
+};
+
+/* Return the first step in which the supervisor does not say what it should, or the number of steps. */
+static int first_fault(void) {
+  const uint32_t other = @name@_INNOVATION | @name@_SATURATED | @name@_CAUTION | @name@_REFERENCE; /* in any step */
+  const @name@_command hover = {range[0] / 2, {0, 0, 0}};
+  @name@_supervisor supervisor;
+  real infinite = 2;
+  for (int i = 0; i < 12; ++i) infinite *= infinite;
+  @name@_supervisor_reset(&supervisor);
+  for (int k = 0; k < @steps@; ++k) {
+    real height = supervisor.limits.height[0] + 2, moved = (real)k * R(1e-4);
+    @name@_measurement measurement = {{moved, 0, height}, {1, 0, 0, 0}, {0, 0, 1}, 0};
+    @name@_reference reference = {{{0, 0, height}}, {0, 0, 0}, @name@_POLE};
+    @name@_command command;
+    uint32_t expected = 0, status;
+    int damage = 0;
+    for (size_t i = 0; i < sizeof expected_statuses / sizeof *expected_statuses; ++i) {
+      if (k < expected_statuses[i].from || k > expected_statuses[i].to) continue;
+      expected = expected_statuses[i].status;
+      damage = expected_statuses[i].damage;
+    }
+    if (damage == REPEATED) measurement.position[0] = supervisor.sample[0];
+    if (damage == NO_NUMBER) measurement.direction[1] = infinite - infinite;
+    if (damage == NO_QUATERNION) measurement.quaternion[0] = 0;
+    if (damage == NEGATIVE) measurement.age = R(-0.01);
+    if (damage == OLD) measurement.age = R(0.05);
+    if (damage == FAR) measurement.position[1] = 1;
+    if (damage == JUMPS) reference.derivatives[0][0] = R(0.3);
+    if (damage == LIES) measurement.direction[0] = 1, measurement.direction[2] = 0;
+    supervisor.request = k < 5 ? @name@_HOLD : @name@_FLY;
+    status = @name@_supervise(&supervisor, damage == MISSING ? NULL : &measurement, &reference, &command);
+    @name@_applied(&supervisor.policy, &hover);
+    if ((status & expected) != expected || (status & ~(expected | other))) return k;
+    if (supervisor.stage == @name@_HOLD && command.thrust != hover.thrust) return k;
+    if (supervisor.stage == @name@_KILL && (command.thrust != 0 || command.@turning@[0] != 0)) return k;
+  }
+  return @steps@;
+}
+
+int main(void) {
+  real worst = largest_error();
+  int fault = first_fault(), is_passed = worst <= TOLERANCE && fault == @steps@;
+  printf("%s: largest error %.2g of the range of the command, supervisor right in %d of %d steps\n",
+         is_passed ? "passed" : "failed", (double)worst, fault, @steps@);
+  return !is_passed;
 }

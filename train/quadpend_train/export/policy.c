@@ -96,6 +96,7 @@ static void act(@name@_policy *policy) {
     begin(seen_now, memory);
     for (int i = 0; i < 4; ++i) action[i] = 0;
     for (int i = 0; i < EXTRA; ++i) policy->extra[i] = 0;
+    policy->verdict[0] = policy->verdict[1] = 0;
     policy->running = 1;
   } else {
 #if KALMAN
@@ -105,25 +106,24 @@ static void act(@name@_policy *policy) {
     } else if (row >= FIRST_COAST) {
       row = FIRST_COAST - 1;
     }
-    real verdict[2];
     predict(memory, action, 0, 1);
-    judge(memory, memory, seen_now, next, verdict);
+    judge(memory, memory, seen_now, next, policy->verdict);
     copy(MEMORY, next, memory);
-    if (verdict[0] > 0) {
+    if (policy->verdict[0] > 0) {
       miss(memory, seen_now, next);
-    } else if (verdict[1] > 0) {
+    } else if (policy->verdict[1] > 0) {
       begin_anew(memory, seen_now, next);
     } else {
       correct(memory, seen_now, gains[gain_rows[row]], next);
     }
 #elif ADRC
-    real plant[MEMORY], verdict[2];
+    real plant[MEMORY];
     release(memory, plant);
     predict(plant, action, 0, 1);
-    judge(plant, memory, seen_now, next, verdict);
+    judge(plant, memory, seen_now, next, policy->verdict);
     copy(MEMORY, next, plant);
-    correct(memory, plant, seen_now, verdict, next);
-    if (verdict[1] > 0) {
+    correct(memory, plant, seen_now, policy->verdict, next);
+    if (policy->verdict[1] > 0) {
       copy(MEMORY, next, memory);
       begin_anew(memory, seen_now, next);
     }

@@ -1,6 +1,6 @@
 """Policies as C: one source, one header, and golden vectors with a program that checks them.
 
-`program` reads the equations; the templates ``policy.c``, ``policy.h`` and ``check.c`` stand beside this file.
+`program` reads the equations; the templates, ``policy.c`` and the other files of C, stand beside this file.
 """
 
 import re
@@ -14,15 +14,16 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_baselines.estimation.estimate import AGE, HELD
+from quadpend_baselines.estimation.estimate import AGE, HELD, INNOVATION
 from quadpend_baselines.estimation.feeding import FedErrors
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.estimation.samples import COASTS, EARLY
+from quadpend_baselines.estimation.samples import COASTS, EARLY, GATES, MOST_REFUSED, REPEATS
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.engines import scalar_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_gym.sensors import Delay
 from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.task import Limits
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.files import atomic
 from quadpend_train.export.program import program
@@ -35,6 +36,17 @@ _STEPS = 100  # golden vectors
 # steady one, and those after coasts
 GAIN_STEPS = (*range(10), 11, 13, 15, 18, 22, 27, 34, 43, 55, 72, 99, 100, 101, 103, 105, 109, 114, 121)
 _ACTIVATIONS = {"relu": "q_max({0}, 0)", "tanh": "q_tanh({0})", "elu": "{0} > 0 ? {0} : q_exp({0}) - 1"}
+_CEILING = 10.0  # m, above the ground
+# Limits of a supervisor that no task has. Innovations are twice the noise of the flight benchmark, which they reach in
+# none of its gentle flights; caution is set by hand
+_SUPERVISED = {
+    "speed": 5.0,
+    "age": REPEATS,
+    "caution": 0.25,
+    "innovation": (0.001, 0.002, 0.0012),
+    "set_point": (1.0, 1.0),
+    "yaw": (0.5, 0.5),
+}
 _HOLDS = "the latest one is held"
 _PREDICTS = "the observer\n * predicts"
 
@@ -110,10 +122,17 @@ def export_c(
         "tolerance_double": "1e-6" if _is_rounded(inner) else "6e-8",  # one unit of a float32
         "vectors": _vectors(adapted, scenario),
         "ranges": _numbers(2.0 * scale),
+        "gates": ", ".join(f"{{{_numbers(gate)}}}" for gate in GATES),
+        "most_refused": MOST_REFUSED,
+        "supervised": _limits(scenario.task.limits),
     }
-    files = {"policy.c": out, "policy.h": out.with_suffix(".h"), "check.c": out.with_name(f"{stem}_check.c")}
-    for template, path in files.items():
-        text = (_FOLDER / template).read_text(encoding="utf-8")
+    files = {
+        ("policy.c", "supervisor.c"): out,
+        ("policy.h",): out.with_suffix(".h"),
+        ("check.c",): out.with_name(f"{stem}_check.c"),
+    }
+    for templates, path in files.items():
+        text = "".join((_FOLDER / template).read_text(encoding="utf-8") for template in templates)
         with atomic(path) as unfinished:
             filled = re.sub(r"@(\w+)@", lambda match: str(values[match[1]]), text)
             unfinished.write_text(filled, encoding="utf-8")
@@ -216,7 +235,7 @@ def _gain_tables(observer: Estimator, gain_steps: Sequence[int]) -> str:
     used_rows = np.searchsorted(gain_steps, _gain_rows(len(every), gain_steps))
     table = every[:, every.any(axis=0)][list(gain_steps)]
     return (
-        f"#define AGE {AGE}\n#define HELD {HELD}\n#define EARLY {EARLY}\n"
+        f"#define AGE {AGE}\n#define HELD {HELD}\n#define INNOVATION {INNOVATION}\n#define EARLY {EARLY}\n"
         f"#define COASTS {COASTS}\n#define FIRST_COAST {len(every) - COASTS}\n"
         f"static const unsigned char gain_rows[{len(used_rows)}] = {{\n{_lines(map(str, used_rows))}}};\n"
         f"static const real gains[{len(table)}][{table[0].size}] = {{\n"
@@ -270,6 +289,21 @@ def _vectors(policy: Policy, scenario: Scenario) -> str:
         rows.append(f"  {{{_numbers([*sample, *command])}}}")
         observation, *_ = envs.step(action)
     return ",\n".join(rows)
+
+
+def _limits(limits: Limits) -> str:
+    """Return the limits of a supervisor: those of a task, with those that no task has."""
+    found = {
+        "pole_tilt": limits.pendulum_angle,
+        "body_tilt": limits.body_angle,
+        "distance": limits.tracking_error,
+        "height": (limits.ground, limits.ground + _CEILING),
+        **_SUPERVISED,
+    }
+    texts = (
+        f"{{{', '.join(map(repr, value))}}}" if isinstance(value, tuple) else repr(value) for value in found.values()
+    )
+    return ", ".join(f".{name} = {text}" for name, text in zip(found, texts, strict=True))
 
 
 def _numbers(values: Iterable[float] | Floats) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadpend_baselines import Policy
 from quadpend_baselines.estimation.feeding import fed_by_name
@@ -17,25 +18,37 @@ from quadpend_gym.core.c_library import load_c
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import LAB
 
-C_PREFIX = "c:"  # of the names of these policies
 SAMPLE_SIZE = LAB.size  # the fields of `LAB`, in their units
 _ROWS = """
-int memory_size(void) {{ return (int)sizeof({name}_policy); }}
+int memory_size(void) {{ return (int)sizeof({name}_{kind}); }}
 void rows(int count, char *memory, const char *started, const {name}_real *samples, {name}_real *commands) {{
   for (int row = 0; row < count; ++row) {{
-    {name}_policy *policy = ({name}_policy *)(void *)(memory + row * memory_size());
+    {name}_{kind} *flight = ({name}_{kind} *)(void *)(memory + row * memory_size());
     const {name}_real *sample = samples + {size} * row;
-    if (started[row]) {name}_reset(policy);
-    {name}_step(policy, (const {name}_measurement *)(const void *)sample,
-                (const {name}_reference *)(const void *)(sample + 11), ({name}_command *)(void *)(commands + 4 * row));
+    if (started[row]) {begin};
+    {name}_{step}(flight, (const {name}_measurement *)(const void *)sample,
+      (const {name}_reference *)(const void *)(sample + 11), ({name}_command *)(void *)(commands + 4 * row));
+  }}
+}}
+"""
+_STATUSES = """
+void statuses(int count, const char *memory, uint32_t *status) {{
+  for (int row = 0; row < count; ++row) {{
+    status[row] = ((const {name}_supervisor *)(const void *)(memory + row * memory_size()))->status;
   }}
 }}
 """
 
 
 def is_c(name: str) -> bool:
-    """Return whether a name is that of a C file, such as ``"c:policy.c"``."""
-    return name.startswith(C_PREFIX) and name.endswith(".c")
+    """Return whether a name is that of a C file, such as ``"c:policy.c"`` or ``"supervised:policy.c"``."""
+    return name.partition(":")[0] in C_POLICIES and name.endswith(".c")
+
+
+def load_c_policy(name: str) -> "CPolicy":
+    """Return the policy of a name for which `is_c`."""
+    prefix, _, path = name.partition(":")
+    return C_POLICIES[prefix](path)
 
 
 def samples_of(observation: Floats32) -> Floats:
@@ -53,6 +66,8 @@ class CPolicy(Policy):
 
     layouts = (LAB,)
     has_linear_model = False
+    kind, step, begin = "policy", "step", "{name}_reset(flight)"
+    more = ""  # C behind the rows
 
     def __init__(self, path: str | Path, flags: tuple[str, ...] = ()) -> None:
         self.path, self.name, self.scale = Path(path), Path(path).stem, np.ones(4)
@@ -66,7 +81,9 @@ class CPolicy(Policy):
             raise ValueError(f"{header} was not written by quadpend export")
         source = self.path.read_text(encoding="utf-8").replace(include, text)
         defined = "".join(f"#define {flag}\n" for flag in flags)
-        self.source = defined + source + _ROWS.format(name=self.name, size=SAMPLE_SIZE)
+        values = {"name": self.name, "size": SAMPLE_SIZE, "kind": self.kind, "step": self.step}
+        rows = _ROWS.format(**values, begin=self.begin.format(**values)) + self.more.format(**values)
+        self.source = defined + source + rows
         self._real = np.float64 if "QUADPEND_DOUBLE" in flags else np.float32
 
     @cached_property
@@ -105,3 +122,25 @@ class CPolicy(Policy):
         arrays = memory, started, given, commands
         library.rows(rows, *(array.ctypes.data_as(ctypes.c_void_p) for array in arrays))
         return commands.astype(float), memory
+
+
+class SupervisedPolicy(CPolicy):
+    """A C file with its supervisor, which is requested to fly from the first step on."""
+
+    kind, step, more = "supervisor", "supervise", _STATUSES
+    begin = "{name}_supervisor_reset(flight), flight->request = {name}_FLY"
+
+    @cached_property
+    def statuses(self) -> dict[str, int]:
+        """The bits of a status by name."""
+        found = re.findall(rf"{self.name}_(\w+) = 1 << (\d+)", self.path.with_suffix(".h").read_text(encoding="utf-8"))
+        return {name: 1 << int(bit) for name, bit in found}
+
+    def status(self, state: Any) -> NDArray[np.uint32]:
+        """Return the statuses of the latest step, shape (n,), from the memory."""
+        found, memory = np.empty(len(state), np.uint32), np.ascontiguousarray(state)
+        self._library.statuses(len(found), *(array.ctypes.data_as(ctypes.c_void_p) for array in (memory, found)))
+        return found
+
+
+C_POLICIES = {"c": CPolicy, "supervised": SupervisedPolicy}  # by the prefix of their names

@@ -12,7 +12,7 @@ from quadpend_baselines.registry import controller_from_text, gains_file
 from quadpend_gym.core.factories import describe_error, is_factory, split_text
 from quadpend_gym.core.settings import suggest
 from quadpend_gym.scenarios import Scenario
-from quadpend_train.policies.compiled import C_PREFIX, CPolicy, is_c
+from quadpend_train.policies.compiled import is_c, load_c_policy
 from quadpend_train.policies.conversion import PROTOCOL, FactoryPolicy, ObjectPolicy, policy_from_model
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.policies.normalization import statistics_files
@@ -58,7 +58,7 @@ def load_policy(name: str) -> Policy:
     """
     policy: Policy
     if is_c(name):
-        policy = CPolicy(name.removeprefix(C_PREFIX))
+        policy = load_c_policy(name)
         policy.fingerprint = hashlib.sha256(policy.source.encode()).hexdigest()
         return policy
     if name in CONTROLLERS or gains_file(name):
