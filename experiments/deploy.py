@@ -43,7 +43,7 @@ class OnChip(NamedTuple):
     output: str  # of the check of its golden vectors
     flash: int  # bytes of code and tables, without golden vectors and libm
     ram: int  # bytes of the stack, on which the memory of the flight is, with those of the check
-    instructions: int  # of the longest step
+    instructions: int  # of the longest step with supervisor
     errors: Sequence[str] = ()  # of golden vectors: here in double and in single precision, and on the chip
 
 
@@ -56,7 +56,7 @@ def check(source: Path, *flags: str) -> str:
 
 def run_on_chip(source: Path, *flags: str) -> OnChip:
     """Build a C file with its golden vectors for the chip, run it, and measure it."""
-    library, program, step = source.with_suffix(".o"), source.with_suffix(".elf"), f"{source.stem}_step"
+    library, program, step = source.with_suffix(".o"), source.with_suffix(".elf"), f"{source.stem}_supervise"
     compiler, vectors = "arm-none-eabi-gcc", source.with_name(f"{source.stem}_check.c")
     own = (*WARNINGS, "-Wdouble-promotion", "-fno-math-errno")
     subprocess.run([compiler, *_CPU, *own, *flags, "-c", source, "-o", library], check=True)

@@ -13,13 +13,14 @@ extern int main(void);
 /* The linker puts this function in the place of the step (--wrap); it times the step. */
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
-void JOIN(__real_, STEP)(void *policy, const void *measurement, const void *reference, void *command);
+uint32_t JOIN(__real_, STEP)(void *supervisor, const void *measurement, const void *reference, void *command);
 static uint32_t most_ticks;
-void JOIN(__wrap_, STEP)(void *policy, const void *measurement, const void *reference, void *command) {
-  uint32_t begin = SYSTICK[2], passed;
-  JOIN(__real_, STEP)(policy, measurement, reference, command);
+uint32_t JOIN(__wrap_, STEP)(void *supervisor, const void *measurement, const void *reference, void *command) {
+  uint32_t begin = SYSTICK[2], passed, status;
+  status = JOIN(__real_, STEP)(supervisor, measurement, reference, command);
   passed = (begin - SYSTICK[2]) & 0xFFFFFF;
   if (passed > most_ticks) most_ticks = passed;
+  return status;
 }
 
 /* Stack is painted below the present one, and read again: what was used of it. */

@@ -30,9 +30,9 @@ def evaluate(
 
     Args:
         policies: Classical controllers (adrc-paper, …), also with the gains of a file (lqg:gains.json), run folders,
-            policy files (.npz, .zip), C files of export (c:policy.c), or module:factory, a function of your own that
-            returns a controller. NAME=POLICY gives a policy a name; NAME=POLICY,POLICY,… combines the training seeds of
-            one learner under a name.
+            policy files (.npz, .zip), C files of export (c:policy.c, or supervised:policy.c with the supervisor), or
+            module:factory, a function of your own that returns a controller. NAME=POLICY gives a policy a name;
+            NAME=POLICY,POLICY,… combines the training seeds of one learner under a name.
         scenarios: Scenarios: names, TOML or JSON files, JSON, or module:factory, a function of your own that returns
             a wind or a Scenario. NAME=SCENARIO gives a scenario a name; "test" and "training" stand for all scenarios
             of these sets.

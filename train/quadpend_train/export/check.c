@@ -67,13 +67,14 @@ static const struct {
   {50, 50, NO_QUATERNION, INVALID},       {55, 55, NEGATIVE, INVALID},
   {60, 60, OLD, @name@_BLIND},            {65, 65, JUMPS, @name@_REFERENCE},
   {66, 66, 0, @name@_REFERENCE},          {80, 84, LIES, @name@_BLIND | @name@_OUTLIER},
-  {85, 85, LIES, KILLED},                 {86, @steps@ - 1, 0, @name@_KILLED},
+  {85, 85, LIES, KILLED},                 {86, @steps@ - 1, LIES, @name@_KILLED},
 };
 
 /* Return the first step in which the supervisor does not say what it should, or the number of steps. */
 static int first_fault(void) {
   const uint32_t other = @name@_INNOVATION | @name@_SATURATED | @name@_CAUTION | @name@_REFERENCE; /* in any step */
   const @name@_command hover = {range[0] / 2, {0, 0, 0}};
+  const real set_point[3] = {1, 0, 3};
   @name@_supervisor supervisor;
   real infinite = 2;
   for (int i = 0; i < 12; ++i) infinite *= infinite;
@@ -99,7 +100,9 @@ static int first_fault(void) {
     if (damage == JUMPS) reference.derivatives[0][0] = R(0.3);
     if (damage == LIES) measurement.direction[0] = 1, measurement.direction[2] = 0;
     supervisor.request = k < 5 ? @name@_HOLD : @name@_FLY;
-    status = @name@_supervise(&supervisor, damage == MISSING ? NULL : &measurement, &reference, &command);
+    if (k == 70) @name@_go_to(&supervisor, set_point, 1);
+    status = @name@_supervise(&supervisor, damage == MISSING ? NULL : &measurement,
+                              k < 70 || k > 78 ? &reference : NULL, &command);
     @name@_applied(&supervisor.policy, &hover);
     if ((status & expected) != expected || (status & ~(expected | other))) return k;
     if (supervisor.stage == @name@_HOLD && command.thrust != hover.thrust) return k;

@@ -10,11 +10,11 @@
  *     @name@_reset(&policy);                                        before each flight
  *     @name@_step(&policy, &measurement, &reference, &command);     every @name@_PERIOD seconds
  *
- * or, with a supervisor, which begins further below:
+ * or, with the supervisor:
  *
  *     @name@_supervisor supervisor;
- *     @name@_supervisor_reset(&supervisor);                              before each flight
- *     supervisor.request = @name@_FLY;                                   what the pilot's switch says
+ *     @name@_supervisor_reset(&supervisor);                                    before each flight
+ *     supervisor.request = @name@_FLY;                                         the switch of the pilot
  *     status = @name@_supervise(&supervisor, &measurement, NULL, &command);   every @name@_PERIOD seconds
  *
  * Numbers are float, or double with -DQUADPEND_DOUBLE. With -DQUADPEND_NO_LIBM nothing of math.h is used.
@@ -77,76 +77,75 @@ void @name@_step(@name@_policy *policy, const @name@_measurement *measurement, c
 /* Call this after a step if another command acts than the one of the step. */
 void @name@_applied(@name@_policy *policy, const @name@_command *command);
 
-/* The supervisor. It flies the policy, tells what is wrong in each step, and kills: then thrust and @turning@ are 0 until
- * @name@_supervisor_reset. docs/deploy.md has the table of statuses and limits. */
+/* The supervisor steps the policy, reports a status in each step, and kills: then thrust and @turning@ are 0 until a reset.
+ * docs/deploy.md has the table of statuses and limits. */
 
-enum { /* bits of a status. Those from the age on kill in flight */
-  @name@_BLIND = 1 << 0,      /* no sample was used in this step: it is missing, old, or one of the next four */
-  @name@_INVALID = 1 << 1,    /* numbers that no motion capture has: not finite, no unit length, a negative age */
-  @name@_FROZEN = 1 << 2,     /* the numbers of the sample before, though its age is 0 */
+enum { /* bits of a status. Those from AGE on kill in flight */
+  @name@_BLIND = 1 << 0,      /* no sample was used in this step: it is missing, old, or one of the next three */
+  @name@_INVALID = 1 << 1,    /* impossible numbers: not finite, no unit length, a negative age */
+  @name@_FROZEN = 1 << 2,     /* the numbers of the sample before, with age 0 */
   @name@_OUTLIER = 1 << 3,    /* too far from the prediction */
-  @name@_RESTARTED = 1 << 4,  /* too far for more than @most_refused@ samples in a row: the estimate begins anew there */
-  @name@_INNOVATION = 1 << 5, /* samples differ from the prediction by more than they usually do: a force, less thrust */
+  @name@_RESTARTED = 1 << 4,  /* more than @most_refused@ outliers in a row: the estimate begins anew at this sample */
+  @name@_INNOVATION = 1 << 5, /* measured less predicted is larger than usual: a force, or less thrust */
   @name@_SATURATED = 1 << 6,  /* a command is at its bound */
   @name@_REFERENCE = 1 << 7,  /* not finite, a jump, faster than set points may be, or for another pole */
-  @name@_CAUTION = 1 << 8,    /* beyond the share `caution` of a limit of tilt, distance or speed */
-  @name@_AGE = 1 << 9,        /* blind for longer than a limit; so on */
+  @name@_CAUTION = 1 << 8,    /* tilt, distance or speed is beyond the share `caution` of its limit */
+  @name@_AGE = 1 << 9,        /* blind for longer than the limit; the next ones too are limits */
   @name@_DIVERGED = 1 << 10,  /* the memory of the policy left its range */
   @name@_POLE_TILT = 1 << 11,
   @name@_BODY_TILT = 1 << 12,
   @name@_DISTANCE = 1 << 13,
   @name@_HEIGHT = 1 << 14,
   @name@_SPEED = 1 << 15,
-  @name@_REQUEST = 1 << 16, /* the pilot requests the kill, or what there is not */
-  @name@_KILLED = 1 << 17   /* it stays; `cause` has the status of the step of the kill */
+  @name@_REQUEST = 1 << 16, /* the kill is requested, or the request is unknown */
+  @name@_KILLED = 1 << 17   /* until a reset; `cause` has the status of the step of the kill */
 };
 
-enum { /* requests, and stages; a stage is @name@_KILL after a kill */
+enum { /* requests, and stages; after a kill the stage is KILL */
   @name@_OFF,  /* thrust 0 */
-  @name@_HOLD, /* thrust of hover, for a vehicle in a hand or on a stand. Nothing is estimated or integrated */
-  @name@_FLY,  /* begins at rest at the latest sample, once one is usable and within the limits */
+  @name@_HOLD, /* thrust of hover, for a vehicle that is held by hand; nothing is estimated or integrated */
+  @name@_FLY,  /* begins at rest where the vehicle is, with the first usable sample within the limits */
   @name@_KILL
 };
 
 typedef struct {
-  @name@_real pole_tilt, body_tilt;     /* tilt from upright and from level, rad */
-  @name@_real distance;       /* of the tracked point from its reference, m */
-  @name@_real height[2];      /* of the vehicle, lowest and highest, m */
-  @name@_real speed;          /* of the vehicle, m/s */
-  @name@_real age;            /* time without a usable sample, s */
-  @name@_real caution;        /* share of tilts, distance and speed, beyond which the status is CAUTION */
-  @name@_real innovation[3];  /* mean over some 50 ms that is usual, of a Kalman observer: m, rad and 1 (pole) */
-  @name@_real set_point[2];   /* speed (m/s) and acceleration (m/s^2) of the way to a set point */
-  @name@_real yaw[2];         /* the same of its yaw, rad/s and rad/s^2 */
+  @name@_real pole_tilt, body_tilt; /* from upright and from level, rad */
+  @name@_real distance;             /* of the tracked point from its reference, m */
+  @name@_real height[2];            /* of the vehicle's centre, lowest and highest, m */
+  @name@_real speed;                /* of the vehicle's centre, m/s */
+  @name@_real age;                  /* time without a usable sample, s */
+  @name@_real caution;              /* share of tilts, distance and speed beyond which the status is CAUTION */
+  @name@_real innovation[3];        /* of position (m), angles (rad) and pole (1), mean of 50 ms; of Kalman observers */
+  @name@_real set_point[2];         /* speed (m/s) and acceleration (m/s^2) of the profile to a set point */
+  @name@_real yaw[2];               /* and of its yaw, rad/s and rad/s^2 */
 } @name@_limits;
 
-/* What is expected of the flight, from the scenario for which the policy is designed. */
-#define @name@_LIMITS {@supervised@}
+#define @name@_LIMITS \
+  {@supervised@}
 
 typedef struct {
-  /* yours to write: */
-  int request;
-  @name@_limits limits; /* @name@_LIMITS after a reset */
-  /* yours to read: */
-  int stage;
+  int request;           /* write it */
+  @name@_limits limits; /* write them; @name@_LIMITS after a reset */
+  int stage;             /* read this and what follows */
   uint32_t status, cause;
-  @name@_real blind, innovation, saturated; /* s without a usable sample, share of the usual one, s */
-  @name@_reference reference;               /* of this step; its pole, yours to write, is believed on the way to set points */
+  @name@_real blind, innovation, saturated; /* s without a usable sample, share of its limit, s at a bound */
+  @name@_reference reference;               /* of this step; write its pole, which profiles to set points believe */
   /* private: */
   @name@_policy policy;
-  @name@_real sample[10], used[10], velocity[10], means[3][3]; /* the latest sample, the latest usable one, and its changes per s */
-  @name@_real goal[4], lead[3][4], way[7][4];     /* x, y, z, yaw: set point; what the way follows; derivatives 0 to 6 */
+  @name@_real sample[10], used[10], velocity[10]; /* latest sample, latest usable one with its derivative */
+  @name@_real means[3][3], goal[4];               /* of innovations; set point x, y, z, yaw */
+  @name@_real input[3][4], profile[7][4];         /* input of the lags and their output, with derivatives */
   int samples, refused, is_refused;
 } @name@_supervisor;
 
 void @name@_supervisor_reset(@name@_supervisor *supervisor);
 
-/* One control step with its status. `reference` is NULL on the way to set points. */
+/* One control step; returns its status. A `reference` that is NULL is the profile to the set point. */
 uint32_t @name@_supervise(@name@_supervisor *supervisor, const @name@_measurement *measurement,
                           const @name@_reference *reference, @name@_command *command);
 
-/* Go to a position of the tracked point (m) and a yaw (rad), at any time of a flight; a flight begins with the place where
- * it begins. What is not finite or not between the limits of height is refused, with the status @name@_REFERENCE. */
+/* Go to a position of the tracked point (m) and a yaw (rad), at any time in flight; the first set point is where the flight
+ * begins. One that is not finite or not between the limits of height is refused with the status REFERENCE. */
 void @name@_go_to(@name@_supervisor *supervisor, const @name@_real position[3], @name@_real yaw);
 
 #endif

@@ -3,9 +3,9 @@
 #include <string.h>
 
 #define KILLS (~(uint32_t)(@name@_AGE - 1))
-#define LAG R(6)       /* 1/s, of each of the six lags in a row through which the way follows its lead */
-#define CLOSING R(4)   /* 1/s, of the lead where it is near the set point */
-#define BRAKING R(0.8) /* share of the acceleration with which the lead is planned to stop */
+#define LAG R(6)       /* 1/s, of each of six first-order lags in series, which filter the input of the profile */
+#define CLOSING R(4)   /* 1/s, of the input near the set point */
+#define BRAKING R(0.8) /* share of the acceleration that the input plans for braking */
 #define JUMP R(0.01)   /* m and rad, of a reference beside what its derivatives say */
 #define POLE_SHARE R(0.1)
 #define REMEMBERED R(0.04) /* s, time constant of means of innovations and velocities */
@@ -20,7 +20,10 @@ static real length(int count, const real *x) {
   return q_sqrt(square);
 }
 
-static real nearest_turn(real angle) { return angle - R(6.2831853071795865) * q_floor(angle * R(0.15915494309189534) + R(0.5)); }
+/* Return an angle from -pi to pi. */
+static real wrapped(real angle) {
+  return angle - R(6.2831853071795865) * q_floor(angle * R(0.15915494309189534) + R(0.5));
+}
 
 static int is_unit(int count, const real *x) {
   real size = is_bounded(count, x, 2) ? length(count, x) : 0;
@@ -46,7 +49,7 @@ void @name@_supervisor_reset(@name@_supervisor *s) {
 }
 
 /* Return what is wrong with a sample, and write how far each part is from what is expected, as a share of its gate. */
-static uint32_t look(@name@_supervisor *s, const @name@_measurement *seen, real *share) {
+static uint32_t check_sample(@name@_supervisor *s, const @name@_measurement *seen, real *share) {
   real x[10], off[4], change = 0;
   share[0] = share[1] = share[2] = 0;
   s->blind = q_min(s->blind + PERIOD, R(1e6));
@@ -71,19 +74,19 @@ static uint32_t look(@name@_supervisor *s, const @name@_measurement *seen, real 
     int first = PARTS_OF_SAMPLE[part], count = PARTS_OF_SAMPLE[part + 1] - first;
     real sign = part == 1 && turned < 0 ? R(-1) : R(1);
     for (int i = 0; i < count; ++i) off[i] = sign * x[first + i] - s->used[first + i] - t * s->velocity[first + i];
-    share[part] = (part == 1 ? 2 : 1) * length(count, off) / (GATES[part][0] + t * (GATES[part][1] + R(0.5) * t * GATES[part][2]));
+    real gate = GATES[part][0] + t * (GATES[part][1] + R(0.5) * t * GATES[part][2]);
+    share[part] = (part == 1 ? 2 : 1) * length(count, off) / gate;
   }
   return 0;
 }
 
-/* Use a sample: remember it with its velocity. */
-static void use(@name@_supervisor *s) {
-  real turned = 0, gain = s->blind / (s->blind + REMEMBERED);
+/* Store a sample and the velocity, which a jump does not change, with which the next one is compared. */
+static void accept(@name@_supervisor *s, int is_jump) {
+  real turned = 0, gain = s->samples && !is_jump ? s->blind / (s->blind + REMEMBERED) : 0;
   for (int i = 3; i < 7; ++i) turned += s->sample[i] * s->used[i];
   for (int i = 0; i < 10; ++i) {
-    real before = i > 2 && i < 7 && turned < 0 ? -s->used[i] : s->used[i];
-    if (i > 2 && i < 7 && turned < 0) s->velocity[i] = -s->velocity[i];
-    s->velocity[i] = s->samples ? s->velocity[i] + gain * ((s->sample[i] - before) / s->blind - s->velocity[i]) : 0;
+    real sign = i > 2 && i < 7 && turned < 0 ? R(-1) : R(1), before = sign * s->used[i], speed = sign * s->velocity[i];
+    s->velocity[i] = speed + gain * ((s->sample[i] - before) / s->blind - speed);
   }
   copy(10, s->sample, s->used);
   s->samples = 1;
@@ -91,14 +94,15 @@ static void use(@name@_supervisor *s) {
 }
 
 /* Return which limits the latest usable sample exceeds. */
-static uint32_t exceeded(const @name@_supervisor *s) {
+static uint32_t check_limits(const @name@_supervisor *s) {
   const @name@_limits *most = &s->limits;
   const real *q = s->used + 3;
   real point[3], height = s->used[2];
   tracked_point(s, point);
   for (int i = 0; i < 3; ++i) point[i] -= s->reference.derivatives[0][i];
-  real upright = q_atan2(length(2, s->used + 7), s->used[9]), tilt = 2 * q_atan2(length(2, q + 1), q_sqrt(q[0] * q[0] + q[3] * q[3]));
-  const real found[4] = {upright, tilt, length(3, point), length(3, s->velocity)};
+  real pole_tilt = q_atan2(length(2, s->used + 7), s->used[9]);
+  real body_tilt = 2 * q_atan2(length(2, q + 1), q_sqrt(q[0] * q[0] + q[3] * q[3]));
+  const real found[4] = {pole_tilt, body_tilt, length(3, point), length(3, s->velocity)};
   const real limits[4] = {most->pole_tilt, most->body_tilt, most->distance, most->speed};
   static const uint32_t bits[4] = {@name@_POLE_TILT, @name@_BODY_TILT, @name@_DISTANCE, @name@_SPEED};
   uint32_t status = height > most->height[0] && height < most->height[1] ? 0 : @name@_HEIGHT;
@@ -109,53 +113,54 @@ static uint32_t exceeded(const @name@_supervisor *s) {
   return status;
 }
 
-/* Return x^(6) of lags in a row: sum of C(6, k) x^(k) / LAG^k = u. */
+/* Return x^(6) of the output x of the lags for their input u: sum of C(6, k) x^(k) / LAG^k = u. */
 static const real BINOMIAL[7] = {1, 6, 15, 20, 15, 6, 1};
-static real highest(const real *x, real u) {
+static real sixth_derivative(const real *x, real u) {
   real sum = u - x[0], power = 1;
   for (int k = 1; k < 6; ++k) sum -= BINOMIAL[k] * x[k] / (power *= LAG);
   return sum * power * LAG;
 }
 
-/* Begin the way at a reference: the lead is where it is for a way that has these derivatives. */
-static void begin_way(@name@_supervisor *s, const @name@_reference *from) {
+/* Begin the profile at a reference, with the input for which the lags have these derivatives. */
+static void begin_profile(@name@_supervisor *s, const @name@_reference *from) {
   for (int i = 0; i < 4; ++i) {
-    for (int k = 0; k < 7; ++k) s->way[k][i] = i < 3 ? from->derivatives[k][i] : k < 3 ? from->yaw[k] : 0;
+    for (int k = 0; k < 7; ++k) s->profile[k][i] = i < 3 ? from->derivatives[k][i] : k < 3 ? from->yaw[k] : 0;
     real power = 1;
-    s->lead[0][i] = s->lead[1][i] = s->lead[2][i] = 0;
+    s->input[0][i] = s->input[1][i] = s->input[2][i] = 0;
     for (int k = 0; k < 7; ++k, power /= LAG) {
-      s->lead[0][i] += BINOMIAL[k] * power * s->way[k][i];
-      if (k < 6) s->lead[1][i] += BINOMIAL[k] * power * s->way[k + 1][i];
+      s->input[0][i] += BINOMIAL[k] * power * s->profile[k][i];
+      if (k < 6) s->input[1][i] += BINOMIAL[k] * power * s->profile[k + 1][i];
     }
-    s->goal[i] = s->lead[0][i];
+    s->goal[i] = s->input[0][i];
   }
 }
 
-/* Advance some of x, y, z and yaw by a period: the lead within the limits of speed and acceleration, the way behind it.
- * The lags are positive means over time, so the way keeps the limits of its lead. */
-static void advance_way(@name@_supervisor *s, int first, int count, const real *limits) {
-  real left[3], change[3], *speed = s->lead[1] + first, *acceleration = s->lead[2] + first;
-  for (int i = 0; i < count; ++i) left[i] = s->goal[first + i] - s->lead[0][first + i];
-  real distance = length(count, left), braking = BRAKING * limits[1], linear = braking / (CLOSING * CLOSING);
+/* Advance some of x, y, z and yaw by a period. The input moves to the set point within the limits of speed and
+ * acceleration. The impulse response of the lags is positive with an integral of 1, so their output keeps these limits. */
+static void advance_profile(@name@_supervisor *s, int first, int count, const real *limits) {
+  real left[3], change[3], *speed = s->input[1] + first, *acceleration = s->input[2] + first;
+  real fastest = q_max(limits[0], 0), most = q_max(limits[1], 0); /* 0 for what is not a number */
+  for (int i = 0; i < count; ++i) left[i] = s->goal[first + i] - s->input[0][first + i];
+  real distance = length(count, left), braking = BRAKING * most, linear = braking / (CLOSING * CLOSING);
   real wished = CLOSING * distance;
   if (distance > linear) wished = q_sqrt(2 * braking * (distance - R(0.5) * linear));
-  wished = distance > 0 ? q_min(wished, limits[0]) / distance : 0;
+  wished = distance > 0 ? q_min(wished, fastest) / distance : 0;
   for (int i = 0; i < count; ++i) change[i] = wished * left[i] - speed[i];
-  real size = length(count, change), share = size > limits[1] * PERIOD ? limits[1] * PERIOD / size : 1;
+  real size = length(count, change), share = size > most * PERIOD ? most * PERIOD / size : 1;
   for (int i = 0; i < count; ++i) acceleration[i] = share * change[i] / PERIOD;
   for (int axis = first; axis < first + count; ++axis) {
-    real x[13], *lead[3] = {&s->lead[0][axis], &s->lead[1][axis], &s->lead[2][axis]};
-    for (int k = 0; k < 6; ++k) x[k] = s->way[k][axis];
-    for (int k = 0; k < 7; ++k) x[6 + k] = highest(x + k, k < 3 ? *lead[k] : 0);
+    real x[13], *input[3] = {&s->input[0][axis], &s->input[1][axis], &s->input[2][axis]};
+    for (int k = 0; k < 6; ++k) x[k] = s->profile[k][axis];
+    for (int k = 0; k < 7; ++k) x[6 + k] = sixth_derivative(x + k, k < 3 ? *input[k] : 0);
     for (int k = 0; k < 6; ++k) { /* Taylor series */
       real sum = x[k + 7];
       for (int i = 6; i >= 0; --i) sum = x[k + i] + sum * PERIOD / (real)(i + 1);
-      s->way[k][axis] = sum;
+      s->profile[k][axis] = sum;
     }
-    *lead[0] += PERIOD * (*lead[1] + R(0.5) * PERIOD * *lead[2]);
-    *lead[1] += PERIOD * *lead[2];
-    for (int k = 0; k < 6; ++k) x[k] = s->way[k][axis];
-    s->way[6][axis] = highest(x, *lead[0]);
+    *input[0] += PERIOD * (*input[1] + R(0.5) * PERIOD * *input[2]);
+    *input[1] += PERIOD * *input[2];
+    for (int k = 0; k < 6; ++k) x[k] = s->profile[k][axis];
+    s->profile[6][axis] = sixth_derivative(x, *input[0]);
   }
 }
 
@@ -166,20 +171,20 @@ void @name@_go_to(@name@_supervisor *s, const real position[3], real yaw) {
     return;
   }
   copy(3, position, s->goal);
-  s->goal[3] = s->lead[0][3] + nearest_turn(yaw - s->lead[0][3]);
+  s->goal[3] = s->input[0][3] + wrapped(yaw - s->input[0][3]);
 }
 
 /* Return what is doubtful in a reference, and make it that of this step. */
-static uint32_t follow(@name@_supervisor *s, const @name@_reference *wanted) {
+static uint32_t advance_reference(@name@_supervisor *s, const @name@_reference *wanted) {
   @name@_reference *now = &s->reference;
   const @name@_limits *most = &s->limits;
   const real pole[2] = @name@_POLE;
   uint32_t status = 0;
   if (!wanted) {
-    advance_way(s, 0, 3, most->set_point);
-    advance_way(s, 3, 1, most->yaw);
-    for (int k = 0; k < 7; ++k) copy(3, s->way[k], now->derivatives[k]);
-    for (int k = 0; k < 3; ++k) now->yaw[k] = s->way[k][3];
+    advance_profile(s, 0, 3, most->set_point);
+    advance_profile(s, 3, 1, most->yaw);
+    for (int k = 0; k < 7; ++k) copy(3, s->profile[k], now->derivatives[k]);
+    for (int k = 0; k < 3; ++k) now->yaw[k] = s->profile[k][3];
     return is_possible(now) ? 0 : @name@_REFERENCE;
   }
   if (!is_possible(wanted)) return @name@_REFERENCE;
@@ -193,12 +198,12 @@ static uint32_t follow(@name@_supervisor *s, const @name@_reference *wanted) {
       !(q_abs(wanted->yaw[2]) <= most->yaw[1]))
     status = @name@_REFERENCE;
   *now = *wanted;
-  begin_way(s, now);
+  begin_profile(s, now);
   return status;
 }
 
-/* Begin anew with this sample: the reference at rest where the vehicle is, or the given one; nothing is estimated yet. */
-static void begin_anew_here(@name@_supervisor *s, const @name@_reference *wanted) {
+/* Begin anew with the latest sample: the reference is at rest where the vehicle is, or the given one. */
+static void initialise(@name@_supervisor *s, const @name@_reference *wanted) {
   const real *q = s->used + 3;
   real point[3];
   tracked_point(s, point);
@@ -208,22 +213,22 @@ static void begin_anew_here(@name@_supervisor *s, const @name@_reference *wanted
   s->reference.yaw[0] = q_atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]));
   s->reference.yaw[1] = s->reference.yaw[2] = 0;
   if (wanted && is_possible(wanted)) s->reference = *wanted;
-  begin_way(s, &s->reference);
+  begin_profile(s, &s->reference);
   memset(s->means, 0, sizeof s->means);
   s->innovation = s->saturated = 0;
   @name@_reset(&s->policy);
 }
 
-/* Take a sample for the next ones to be compared with, unless it is too far; return the bits of that. */
-static uint32_t take(@name@_supervisor *s, int is_far, int restarts) {
+/* Return the status of a sample that is refused or accepted. */
+static uint32_t accept_or_refuse(@name@_supervisor *s, int is_far, int restarts) {
   if (is_far) return @name@_BLIND | @name@_OUTLIER;
   s->refused = 0;
-  use(s);
+  accept(s, restarts);
   return restarts ? @name@_RESTARTED : 0;
 }
 
 /* Step the policy, and return what is wrong. `far` is the largest distance of a sample as a share of its gate. */
-static uint32_t fly(@name@_supervisor *s, const @name@_measurement *seen, real far, @name@_command *command) {
+static uint32_t step_policy(@name@_supervisor *s, const @name@_measurement *seen, real far, @name@_command *command) {
   int was_running = s->policy.running, is_saturated = 0;
   @name@_step(&s->policy, seen, &s->reference, command);
   uint32_t status = was_running && !s->policy.running ? @name@_DIVERGED : 0;
@@ -244,34 +249,38 @@ static uint32_t fly(@name@_supervisor *s, const @name@_measurement *seen, real f
 uint32_t @name@_supervise(@name@_supervisor *s, const @name@_measurement *seen, const @name@_reference *wanted,
                           @name@_command *command) {
   real share[3];
-  uint32_t status = look(s, seen, share);
+  uint32_t status = check_sample(s, seen, share);
   real far = q_max(q_max(share[0], share[1]), share[2]);
   int is_new = !(status & @name@_BLIND), flew = s->stage == @name@_FLY, has_observer = KALMAN || ADRC;
   int is_far = is_new && !(far <= 1) && !(flew && has_observer), restarts = is_far && ++s->refused > @most_refused@;
   is_far = is_far && !restarts;
   if (s->is_refused || (wanted && !is_possible(wanted))) status |= @name@_REFERENCE;
-  if (s->request < @name@_OFF || s->request >= @name@_KILL) status |= @name@_REQUEST;
   s->is_refused = 0;
-  if (s->request != @name@_FLY && s->stage != @name@_KILL) s->stage = s->request, flew = 0;
+  if (s->request < @name@_OFF || s->request >= @name@_KILL) {
+    status |= @name@_REQUEST;
+  } else if (s->request != @name@_FLY && s->stage != @name@_KILL) { /* released */
+    s->stage = s->request;
+    flew = 0;
+  }
   command->thrust = s->stage == @name@_HOLD ? SCALE[0] : 0;
   for (int i = 0; i < 3; ++i) command->@turning@[i] = 0;
+  if (!flew && is_new) status |= accept_or_refuse(s, is_far, restarts);
   if (!flew && s->stage != @name@_KILL) {
-    if (is_new) status |= take(s, is_far, restarts);
-    begin_anew_here(s, wanted);
-    if (!(status & @name@_BLIND)) status |= exceeded(s);
+    initialise(s, wanted);
+    if (!(status & @name@_BLIND)) status |= check_limits(s);
     if (s->request == @name@_FLY && !(status & (@name@_BLIND | KILLS))) {
       s->stage = @name@_FLY;
-      status |= fly(s, seen, 0, command);
+      status |= step_policy(s, seen, 0, command);
     }
   } else if (flew) {
-    status |= follow(s, wanted);
-    status |= fly(s, is_far || (status & @name@_INVALID) ? 0 : seen, far, command);
+    status |= advance_reference(s, wanted);
+    status |= step_policy(s, is_far || (status & @name@_INVALID) ? 0 : seen, far, command);
     if (has_observer) {
       is_far = s->policy.verdict[0] > 0;
       restarts = s->policy.verdict[1] > 0;
     }
-    if (is_new) status |= take(s, is_far, restarts);
-    if (!(status & @name@_BLIND)) status |= exceeded(s);
+    if (is_new) status |= accept_or_refuse(s, is_far, restarts);
+    if (!(status & @name@_BLIND)) status |= check_limits(s);
   }
   if (!(s->blind <= s->limits.age)) status |= @name@_AGE;
   if (s->stage != @name@_KILL && ((status & @name@_REQUEST) || (s->stage == @name@_FLY && (status & KILLS)))) {

@@ -48,8 +48,8 @@ def load_policy(name: str) -> Policy:
             - the name of a classical controller, one of `quadpend_baselines.CONTROLLERS`; ``"lqg:gains.json"`` has the
               gains of a file, for example one of ``quadpend tune``, see `quadpend_baselines.registry`;
             - the name of a learned policy of this package, with its seed (``"apg-0"``);
-            - ``"c:policy.c"``, a C file of ``quadpend export``, see `quadpend_train.policies.compiled`. It is compiled
-              and executed;
+            - ``"c:policy.c"``, a C file of ``quadpend export``, or ``"supervised:policy.c"``, the same with its
+              supervisor, see `quadpend_train.policies.compiled`. It is compiled and executed;
             - ``"module:factory"``, see `quadpend_train.policies.conversion`;
             - the path of a run folder or of a policy file (.npz);
             - the path of a model (.zip) saved by Stable-Baselines3 or a library with the same interface, or of a run
