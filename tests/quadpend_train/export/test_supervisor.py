@@ -15,7 +15,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.c_library import load_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_train.export.to_c import export_c
-from quadpend_train.policies.compiled import CPolicy, SupervisedPolicy
+from quadpend_train.policies.compiled import CPolicy, SupervisedPolicy, samples_of
 from quadpend_train.policies.loading import load_policy
 from tests.helpers.policies import mlp_policy
 
@@ -364,6 +364,26 @@ def test_forces_and_lost_thrust_are_told_after_a_while(lqg: Path, event: str, wi
     told = (statuses & policy.statuses["INNOVATION"]) > 0
     assert not told[60:200].any()
     assert told[200 : 200 + round(within / PERIOD)].any(axis=0).all()
+
+
+def test_a_flight_engages_held_catches_the_pole_flies_to_set_points_and_is_released(lqg: Path) -> None:
+    flown, flight, errors = scenario("event_catch", duration=12.0), Flight(lqg), []
+    envs, scale, goals = flown.make_vec(1), flown.simulation.command_scale, {5.0: (0.5, 0.0, 2.0), 8.0: (0.0, 0.5, 2.3)}
+    observation, _ = envs.reset(seed=0)
+    for k in range(1199):  # the hand holds the pole for 3 s
+        if k * PERIOD in goals:
+            flight.go_to(*goals[k * PERIOD], yaw=0.5)
+        sample = samples_of(observation)[0, :11]
+        assert not flight.step(sample, request=HOLD if k < 50 else FLY) & {"KILLED", "BLIND", "REFERENCE"}
+        action = flight.command / scale - [1.0, 0.0, 0.0, 0.0]
+        observation, _, fallen, _, _ = envs.step(np.clip(action, -1.0, 1.0)[np.newaxis].astype(np.float32))
+        assert not fallen
+        lever = flight.public.reference[24] * np.append(sample[7:9], 0.0)
+        errors.append(np.linalg.norm(sample[:3] + lever - flight.derivatives[0]))
+    assert np.sqrt(np.mean(np.square(errors[500:]))) < 0.01
+    assert flight.derivatives[0] == pytest.approx(goals[8.0], abs=0.01)
+    flight.step(sample, request=HOLD)
+    assert flight.command.tolist() == pytest.approx([scale[0], 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
