@@ -22,7 +22,7 @@ from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.core.settings import plain
-from quadpend_gym.envs.spaces import observation_space
+from quadpend_gym.envs.spaces import meaning_of, observation_space
 
 
 def last_observations(observation: Floats32, info: dict[str, Any], ended: Booleans) -> Floats32:
@@ -91,7 +91,8 @@ class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         RecordConstructorArgs.__init__(self, observations=observations, actions=actions)
         gym.Wrapper.__init__(self, env)
         self._histories = _Histories(1, observations, actions, env.observation_space, env.action_space)
-        self.observation_space = observation_space(self._histories.size, history=(observations, actions))
+        meaning = {**meaning_of(env.observation_space), "history": (observations, actions)}
+        self.observation_space = observation_space(self._histories.size, **meaning)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -116,7 +117,8 @@ class VectorHistoryWrapper(VectorWrapper):
         spaces_of_one = env.single_observation_space, env.single_action_space
         self._histories = _Histories(self.num_envs, observations, actions, *spaces_of_one)
         self._ended = np.zeros(self.num_envs, np.bool_)
-        self.single_observation_space = observation_space(self._histories.size, history=(observations, actions))
+        meaning = {**meaning_of(env.single_observation_space), "history": (observations, actions)}
+        self.single_observation_space = observation_space(self._histories.size, **meaning)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:

@@ -59,20 +59,22 @@ def model(kind: Any, around: Any = None, gain: float = 1.0, sde: bool = False, *
     return made
 
 
-def test_a_model_of_stacked_observations_flies_without_their_wrapper(tmp_path: Path) -> None:
-    around = SB3VecEnv(VectorHistoryWrapper(make_vec(2, autoreset_mode="SameStep"), 3, 2))
+@pytest.mark.parametrize("observation", ["full", "lab", ["direction", "position"]])
+def test_a_model_of_stacked_observations_flies_without_their_wrapper(observation: Any, tmp_path: Path) -> None:
+    options: dict[str, Any] = {"autoreset_mode": "SameStep", "observation": observation}
+    around = SB3VecEnv(VectorHistoryWrapper(make_vec(2, **options), 3, 2))
     made = model(PPO, around)
     made.save(tmp_path / "model.zip")
     policy, stacked, plain = (
         load_policy(str(tmp_path / "model.zip")),
         around.env,
-        make_vec(2, autoreset_mode="SameStep"),
+        make_vec(2, **options),
     )
-    seen, observation, memory = stacked.reset(seed=0)[0], plain.reset(seed=0)[0], None
+    seen, measured, memory = stacked.reset(seed=0)[0], plain.reset(seed=0)[0], None
     for step in range(20):
-        action, memory = policy.predict(observation, memory, np.full(2, step == 0))
+        action, memory = policy.predict(measured, memory, np.full(2, step == 0))
         assert_allclose(action, made.predict(seen, deterministic=True)[0], atol=1e-5)
-        seen, observation = stacked.step(action)[0], plain.step(action)[0]
+        seen, measured = stacked.step(action)[0], plain.step(action)[0]
     with pytest.raises(ValueError, match="takes 108 numbers, not 36 or 27"):  # nothing says how it was stacked
         mlp_policy(108)
 
