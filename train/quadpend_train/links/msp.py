@@ -1,0 +1,89 @@
+"""The MultiWii Serial Protocol (MSP), version 1, of Betaflight: radio channels out, replies in.
+
+A message is ``$M``, a direction (``<`` to the autopilot, ``>`` its reply, ``!`` its refusal), the size of the payload,
+the command, the payload, and the exclusive or of all bytes from the size on. MSP_SET_RAW_RC has channels in µs, u16
+little-endian, in the order of the firmware's channel map (AETR): roll, pitch, throttle, yaw, AUX1 and so on. The
+firmware sets channels that a message lacks to 0, so a message has all that it uses.
+"""
+
+import struct
+from collections.abc import Sequence
+from functools import reduce
+from operator import xor
+from typing import NamedTuple
+
+import numpy as np
+
+from quadpend_gym.autopilots.betaflight import radio
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.vehicles import Simulation, rotors_of
+from quadpend_train.links.thrust import ThrustTable
+
+SET_RAW_RC = 200
+_CHANNELS, _LEAST, _MOST = 18, 750, 2250  # the firmware's largest number, and its limits of a valid pulse, µs
+_LOW, _HIGH = 1000, 2000  # µs, of a switch
+
+
+class Message(NamedTuple):
+    """A reply of the autopilot."""
+
+    command: int
+    payload: bytes
+    is_refused: bool
+
+
+def request(command: int, payload: bytes = b"") -> bytes:
+    """Return the bytes of a message to the autopilot."""
+    body = bytes([len(payload), command]) + payload
+    return b"$M<" + body + bytes([reduce(xor, body)])
+
+
+def set_raw_rc(channels: Sequence[int]) -> bytes:
+    """Return the message with these channels, µs."""
+    if not 4 <= len(channels) <= _CHANNELS or not all(_LEAST <= channel <= _MOST for channel in channels):
+        raise ValueError(f"there must be 4 to {_CHANNELS} channels of {_LEAST} to {_MOST} µs, not {list(channels)}")
+    return request(SET_RAW_RC, struct.pack(f"<{len(channels)}H", *channels))
+
+
+def channels_of(
+    command: Floats, is_armed: bool, simulation: Simulation, table: ThrustTable | None = None, voltage: float = 0.0
+) -> list[int]:
+    """Return eight channels, µs, with which Betaflight does what a policy commands.
+
+    Args:
+        command: Thrust of all rotors (N) and body rates (rad/s; x forward, y left, z up), shape (4,).
+        is_armed: The switch AUX1; a kill switches it off.
+        simulation: The vehicle, and the rates of full deflection.
+        table: Measured thrust of a rotor; None: thrust is linear in the throttle, as in the simulation.
+        voltage: Of the battery, V, for the table.
+    """
+    thrust, (low, high) = command[:1], rotors_of(simulation.vehicle).thrust
+    if table is not None:
+        thrust = np.array([4.0 * (low + (high - low) * table.throttle(0.25 * float(thrust[0]), voltage))])
+    sticks = radio(thrust, command[np.newaxis, 1:], simulation)[0].tolist()
+    return [*sticks, _HIGH if is_armed else _LOW, *[_LOW] * 3]
+
+
+class Reader:
+    """Finds the replies in the bytes that arrive; bytes that belong to none are left out."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def read(self, data: bytes) -> list[Message]:
+        """Return the replies that are complete with these bytes."""
+        found: list[Message] = []
+        self._rest += data
+        while (start := self._rest.find(b"$M")) >= 0:
+            self._rest = self._rest[start:]
+            direction, end = self._rest[2:3], 6 + self._rest[3] if len(self._rest) > 3 else 6
+            if direction in (b"", b">", b"!") and len(self._rest) < end:
+                return found
+            body = self._rest[3:end]
+            if direction in (b">", b"!") and reduce(xor, body) == 0:
+                found.append(Message(body[1], body[2:-1], direction == b"!"))
+                self._rest = self._rest[end:]
+            else:
+                self._rest = self._rest[2:]
+        self._rest = self._rest[-1:]
+        return found
