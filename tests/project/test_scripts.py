@@ -39,11 +39,6 @@ def test_the_script_for_a_gpu_trains_on_the_processor(run_script: Run, tmp_path:
     assert (tmp_path / "ppo_gpu.pt").is_file()
 
 
-def test_sac_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:
-    assert "It balances in" in run_script("train/sac.py", "--total-timesteps", "2000")
-    assert (tmp_path / "sac.zip").is_file()
-
-
 def test_the_loop_in_the_manner_of_cleanrl_trains(run_script: Run) -> None:
     assert "update 0: mean length of an episode" in run_script("docs/examples/ppo_as_in_cleanrl.py", "--updates", "1")
 
