@@ -1,7 +1,7 @@
 """Draw the figures of docs/models.md: ``python -m docs.tools.models``, with seed 1.
 
 With arguments, such as ``dryden``, JSON with a kind or ``mine:MyWind``, only these models are drawn, into results/wind.
-A wind is drawn as a time series, a histogram and a spectrum beside its theory. Sensors and actuators are drawn as a
+A wind is drawn as a time series, a histogram and a spectrum. Sensors and actuators are drawn as a
 signal before and after the model.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import signal, stats
+from scipy import signal
 
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import KINDS as ACTUATORS
@@ -113,20 +113,18 @@ def _time_series(models: tuple[Any, ...], steps: int, seed: int) -> Floats:
 
 
 def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
-    """Draw the time series of one episode, and histogram and spectrum of many episodes beside their theory."""
+    """Draw the time series of one episode, and histogram and spectrum of many episodes."""
     wind = _time_series(models, round(max(seconds, _SPECTRUM_SECONDS) / _PERIOD), seed)
     if models and not wind.any():
         raise ValueError("the wind is always zero: set its loads, as JSON with a kind")
     order = ("velocity", "force", "bob_force", "torque")
     field = next((name for name in order if wind[..., WIND_FIELDS[name]].any()), "force")
     columns = WIND_FIELDS[field]
-    theory = _theory(models, columns)
     grid = figure.add_gridspec(2, 2)
     time = _PERIOD * np.arange(round(seconds / _PERIOD))
     above, histogram, spectrum = (figure.add_subplot(place) for place in (grid[0, :], grid[1, 0], grid[1, 1]))
     frequency, density = signal.welch(wind[..., columns], 1.0 / _PERIOD, nperseg=_WELCH_SEGMENT, noverlap=0, axis=0)
     omega = 2.0 * np.pi * frequency[1:]
-    averages = _EPISODES * (wind.shape[0] // _WELCH_SEGMENT)
     for i, axis in enumerate("xyz"):
         values, colour = wind[..., columns][..., i], COLOURS[i]
         if not values.any():
@@ -134,14 +132,6 @@ def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) 
         above.plot(time, values[: time.size, 0], color=colour, linewidth=1.0, label=axis)
         histogram.hist(values.ravel(), 40, density=True, histtype="step", color=colour)
         spectrum.loglog(omega, density[1:, :, i].mean(axis=1) / (2.0 * np.pi), color=colour, linewidth=1.0)
-        if theory is not None:
-            expected = theory(omega)[i]
-            deviation = np.sqrt(np.trapezoid(*_fine(theory, i)))
-            x = np.linspace(values.min(), values.max(), 200)
-            histogram.plot(x, stats.norm(values.mean(), deviation).pdf(x), "--", color=colour, linewidth=1.0)
-            low, high = stats.chi2(2 * averages).ppf([0.025, 0.975]) / (2 * averages)
-            spectrum.loglog(omega, expected, "--", color=colour, linewidth=1.0)
-            spectrum.fill_between(omega, low * expected, high * expected, color=colour, alpha=0.25, linewidth=0)
     unit = _UNITS[field]
     words = field.replace("_", " ")
     above.set(xlabel="time (s)", ylabel=f"{words} ({unit})", xlim=(0.0, seconds))
@@ -155,17 +145,8 @@ def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) 
     spectrum.set_ylim(bottom=max(spectrum.get_ylim()[0], 1e-9 * spectrum.get_ylim()[1]))
     if density[1:].max() < 1e-12:
         spectrum.set(title="constant: no spectrum", ylim=(1e-6, 1.0))
-    if theory is not None:
-        histogram.set_title("dashed: theory, around the mean", fontsize=9)
-        spectrum.set_title("dashed: theory, with the 95 % band of this estimate", fontsize=9)
     for axes in (above, histogram, spectrum):
         axes.grid(alpha=0.3)
-
-
-def _fine(theory: Callable[[Floats], Floats], axis: int) -> tuple[Floats, Floats]:
-    """Return density and frequency on a grid that is fine enough for integration."""
-    omega = np.concatenate([[0.0], np.geomspace(1e-5, 1e5, 4000)])
-    return theory(omega)[axis], omega
 
 
 def _force_axis(axes: Any) -> None:
@@ -176,19 +157,6 @@ def _force_axis(axes: Any) -> None:
         functions=(lambda v: factor * np.abs(v) * v, lambda f: np.sign(f) * np.sqrt(np.abs(f) / factor)),
     )
     force.set_ylabel("drag on the quadrotor (N)")
-
-
-def _theory(models: tuple[Any, ...], columns: slice) -> Callable[[Floats], Floats] | None:
-    """Return the spectral density along x, y, z as a function of frequency, or None if no theory is available."""
-    if len(models) != 1 or not hasattr(models[0], "density") or getattr(models[0], "heading", 0.0) != 0.0:
-        return None
-    model = models[0]
-
-    def density(omega: Floats) -> Floats:
-        values = model.density(omega)
-        return np.asarray(values if values.shape[0] == 3 else values[columns])
-
-    return density
 
 
 def _apply(models: tuple[Any, ...], values: Floats, seed: int, call: Callable[..., None]) -> Floats:
