@@ -22,7 +22,7 @@ from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, read_observation
 from quadpend_gym.tasks.references import ReferenceSettings
 from quadpend_gym.tasks.starts import StartSettings
 from quadpend_gym.tasks.task import ENVIRONMENTS, Limits, RewardWeights, Task
-from quadpend_gym.tasks.trajectories import Reference, SinusoidTerm, Waypoints
+from quadpend_gym.tasks.trajectories import Reference, Waypoints
 from quadpend_gym.vehicles import PAPER, Parameters, Simulation
 from quadpend_gym.wind import (
     Constant,
@@ -61,7 +61,6 @@ __all__ = [
     "Scenario",
     "Simulation",
     "Sinusoid",
-    "SinusoidTerm",
     "StartSettings",
     "State",
     "Step",

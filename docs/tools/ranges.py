@@ -14,14 +14,14 @@ from quadpend_gym.randomization import Around, LoopChanges, LoopRanges
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import Channel
 from quadpend_gym.tasks.jumps import Jumps
-from quadpend_gym.tasks.trajectories import SinusoidTerm, Waypoints
+from quadpend_gym.tasks.trajectories import Waypoints
 from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Simulation, Vehicle
 from quadpend_gym.wind import KINDS as WINDS
 
 PAGE = Path(__file__).parents[1] / "reference/ranges.md"
 GROUPS: dict[str, tuple[type[Any], ...]] = {
     "simulation": (Simulation, Around, LoopRanges, LoopChanges),
-    "task": (ReferenceSettings, StartSettings, Jumps, Limits, RewardWeights, Reference, Waypoints, SinusoidTerm),
+    "task": (ReferenceSettings, StartSettings, Jumps, Limits, RewardWeights, Reference, Waypoints),
     "vehicles": (Vehicle, Pole, Rotors, Drag, RateLoop),
     "wind": tuple(WINDS.values()),
     "sensors": (Channel, *SENSORS.values()),

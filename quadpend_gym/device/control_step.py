@@ -188,9 +188,7 @@ class _Generator:
         if scenario.loop is not None and scenario.loop.rotor_lag is not None:
             raise ValueError("device: the generated kernel does not draw loop.rotor_lag: leave it out")
         if self.task.trajectory is not None and not is_one_term(self.task.trajectory):
-            raise ValueError(
-                "device: the generated kernel has no waypoints and no sums of sinusoids: take a Reference without terms"
-            )
+            raise ValueError("device: the generated kernel has no waypoints: take a Reference")
         self.plant, self.holds = plant_of(self.simulation), can_hold(scenario.wind_models)
         self.kernel = self.plant.held_kernel if self.holds else self.plant.kernel
         self.loop = None if scenario.loop is None else Schedule(scenario.loop, self.simulation, 1)

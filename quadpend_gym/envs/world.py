@@ -110,7 +110,7 @@ class World:
         self._trajectories = TrajectoryTable(num_envs)
         self._last_action = np.zeros((num_envs, ACTION_SIZE))  # that the reward with `action_rate` compares
         self._jumps = ModelBatch(() if task.jumps is None else (task.jumps,), num_envs)
-        # Values of the channels (F_x, F_y, z, ψ) without jumps of a `Reference` of one term, and how far they jumped.
+        # Values of the channels (F_x, F_y, z, ψ) without jumps of a `Reference`, and how far they jumped.
         self._without_jumps, self._jumped = np.zeros((2, CHANNELS, num_envs)).swapaxes(1, 2)
         ranges, actuators = scenario.parameters, scenario.actuators
         self._parameter_ranges = None if ranges is None else ranges.ranges(simulation.parameters)

@@ -1,21 +1,20 @@
-"""Trajectories: sums of sinusoids (`Reference`), and waypoints with times.
+"""Trajectories: sinusoids (`Reference`), and waypoints with times.
 
 A trajectory gives the four channels F_x, F_y, z and ψ as functions of time, see `references`, with exact derivatives of
 order 0 to 6:
 
     (1)  Waypoints:  Σₖ cᵢₖ (t − tᵢ)ᵏ in piece i, k = 0 … 13, see `minimum_snap`
-    (2)  Reference:  offset + rate · t + Σⱼ amplitudeⱼ · sin(frequencyⱼ · t + phaseⱼ)
+    (2)  Reference:  offset + rate · t + amplitude · sin(frequency · t + phase)
 
 Waypoints rest at the first point before the first time and at the last point after the last time; closed ones repeat.
 
-A packed trajectory is a flat array. Many of them stand one after the other in the array that compiled functions read.
+Packed waypoints are a flat array. Many of them stand one after the other in the array that compiled functions read.
 
 | part        | numbers    | content                                                                      |
 |-------------|------------|------------------------------------------------------------------------------|
-| header      | 3          | period in s (0: not periodic), number of pieces m, number of terms k          |
+| header      | 2          | period in s (0: not periodic), number of pieces m                            |
 | origins     | m          | tᵢ in s: piece i holds until tᵢ₊₁, the first one from −∞ and the last one to ∞ |
 | polynomials | m · 4 · 14 | cᵢₖ of each channel                                                          |
-| terms       | k · 20     | each term as a reference array, offset and rate in the first                 |
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,8 +45,8 @@ from quadpend_gym.tasks.references import (
 
 SHORTEST_INTERVAL = 0.01  # s, between two waypoints
 LARGEST_RATIO = 1000.0  # of the longest interval to the shortest
-_HEADER = 3
-_PERIOD, _PIECES, _TERMS = range(_HEADER)
+_HEADER = 2
+_PERIOD, _PIECES = range(_HEADER)
 
 
 @inlined
@@ -66,41 +65,30 @@ def _polynomial(numbers: Any, first: int, t: float) -> Derivatives:
 
 
 @inlined
-def _trajectory_channel(numbers: Any, first: int, channel: int, time: float) -> Derivatives:
-    """Return a channel of the packed trajectory that begins at numbers[first]."""
-    pieces, terms = int(numbers[first + _PIECES]), int(numbers[first + _TERMS])
-    origins = first + _HEADER
-    polynomials = origins + pieces
-    out = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if pieces > 0:
-        t, period = time, numbers[first + _PERIOD]
-        if period > 0.0:
-            t -= period * np.floor(t / period)
-        piece, end = 0, pieces
-        while end - piece > 1:  # bisection
-            middle = (piece + end) // 2
-            if t >= numbers[origins + middle]:
-                piece = middle
-            else:
-                end = middle
-        place = polynomials + (piece * CHANNELS + channel) * COEFFICIENTS
-        out = _polynomial(numbers, place, t - numbers[origins + piece])
-    if terms > 0:
-        begin = polynomials + pieces * CHANNELS * COEFFICIENTS
-        columns = numbers[begin : begin + terms * REFERENCE_SIZE].reshape((terms, REFERENCE_SIZE)).T
-        for term in range(terms):
-            a, b = out, channel_derivatives(columns, channel, term, time)
-            out = a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6]
-    return out
+def _waypoints_channel(numbers: Any, first: int, channel: int, time: float) -> Derivatives:
+    """Return a channel of the packed waypoints that begin at numbers[first]."""
+    pieces, origins = int(numbers[first + _PIECES]), first + _HEADER
+    t, period = time, numbers[first + _PERIOD]
+    if period > 0.0:
+        t -= period * np.floor(t / period)
+    piece, end = 0, pieces
+    while end - piece > 1:  # bisection
+        middle = (piece + end) // 2
+        if t >= numbers[origins + middle]:
+            piece = middle
+        else:
+            end = middle
+    place = origins + pieces + (piece * CHANNELS + channel) * COEFFICIENTS
+    return _polynomial(numbers, place, t - numbers[origins + piece])
 
 
 @inlined
 def followed_at(numbers: Any, first: int, time: float) -> ReferencePoint:
-    """Return the point of the packed trajectory that begins at numbers[first], at `time` (s)."""
-    x = _trajectory_channel(numbers, first, 0, time)
-    y = _trajectory_channel(numbers, first, 1, time)
-    z = _trajectory_channel(numbers, first, 2, time)
-    yaw = _trajectory_channel(numbers, first, 3, time)
+    """Return the point of the packed waypoints that begin at numbers[first], at `time` (s)."""
+    x = _waypoints_channel(numbers, first, 0, time)
+    y = _waypoints_channel(numbers, first, 1, time)
+    z = _waypoints_channel(numbers, first, 2, time)
+    yaw = _waypoints_channel(numbers, first, 3, time)
     return _point(x, y, z, yaw)
 
 
@@ -138,10 +126,20 @@ def _follow(numbers: Floats, first: Integers, time: Floats, points: Floats) -> N
 
 
 @compiled
-def _evaluate(numbers: Floats, time: Floats, out: Floats) -> None:
+def _evaluate_waypoints(numbers: Floats, time: Floats, out: Floats) -> None:
     for i in range(time.shape[0]):
         for channel in range(CHANNELS):
-            derivatives = _trajectory_channel(numbers, 0, channel, time[i])
+            derivatives = _waypoints_channel(numbers, 0, channel, time[i])
+            for order in range(ORDERS):
+                out[i, order, channel] = derivatives[order]
+
+
+@compiled
+def _evaluate_reference(numbers: Floats, time: Floats, out: Floats) -> None:
+    lanes = numbers.reshape((REFERENCE_SIZE, 1))
+    for i in range(time.shape[0]):
+        for channel in range(CHANNELS):
+            derivatives = channel_derivatives(lanes, channel, 0, time[i])
             for order in range(ORDERS):
                 out[i, order, channel] = derivatives[order]
 
@@ -154,43 +152,24 @@ Point = Annotated[tuple[float, float, float, float], BeforeValidator(_with_yaw)]
 
 
 class _Packed:
-    """Mixin for trajectories with the property `packed`."""
+    """Mixin for trajectories that a compiled function `_evaluate` computes from the array `packed`."""
 
+    _evaluate: Any
     packed: Any
 
     def derivatives(self, time: Any) -> Floats:
         """Return the derivatives of order 0 to 6 of all channels at `time` (s), shape (*time.shape, 7, 4)."""
         times = np.asarray(time, np.float64)
         out = np.empty((times.size, ORDERS, CHANNELS))
-        _evaluate(self.packed, times.ravel(), out)
+        self._evaluate(self.packed, times.ravel(), out)
         return out.reshape(*times.shape, ORDERS, CHANNELS)
-
-
-def _sample_times(frequencies: Any) -> Floats:
-    """Return times that resolve the slowest and the fastest angular frequency, over 10 s to 100 s; else one time."""
-    moving = np.abs(frequencies)[np.not_equal(frequencies, 0.0)]
-    if not moving.size:
-        return np.zeros(1)
-    horizon = np.clip(2.0 * np.pi / moving.min(), 10.0, 100.0)
-    return np.linspace(0.0, horizon, int(np.clip(horizon * max(50.0, 7.0 * moving.max()), 1, 20_000)))
-
-
-@settings
-class SinusoidTerm:
-    """A sinusoid of a `Reference`, with one number for each channel or one for all."""
-
-    # amplitude in each channel
-    amplitude: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
-    # angular frequency in each channel
-    frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)  # phase in each channel
 
 
 @settings
 class Reference(_Packed):
-    """A constant velocity plus sinusoids, equation (2): one in the fields, and further ones in `terms`.
+    """A constant velocity plus a sinusoid, equation (2).
 
-    Every other field has one number for each channel: F_x (m), F_y (m), z (m) and ψ (rad).
+    Every field has one number for each channel: F_x (m), F_y (m), z (m) and ψ (rad).
     """
 
     # constant part in each channel (F_x, F_y, z, ψ)
@@ -202,8 +181,8 @@ class Reference(_Packed):
     # angular frequency in each channel
     frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
     phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)  # phase in each channel
-    terms: tuple[SinusoidTerm, ...] = ()  # further sinusoids
     kind: Literal["sinusoids"] = "sinusoids"
+    _evaluate = staticmethod(_evaluate_reference)
 
     @classmethod
     def hover(cls, x: float = 0.0, y: float = 0.0, z: float = 2.0, yaw: float = 0.0) -> "Reference":
@@ -242,18 +221,21 @@ class Reference(_Packed):
         return reference
 
     def as_array(self) -> Floats:
-        """Return the fields but `terms` in order as an array of shape (20,)."""
+        """Return the fields in order as an array of shape (20,)."""
         return np.ravel((self.offset, self.rate, self.amplitude, self.frequency, self.phase))
 
     @cached_property
     def packed(self) -> Floats:
-        """The packed trajectory, shape (k,)."""
-        further = [(*np.zeros((2, CHANNELS)), term.amplitude, term.frequency, term.phase) for term in self.terms]
-        return np.concatenate([[0.0, 0.0, 1.0 + len(further)], self.as_array(), np.ravel(further)])
+        """The fields as an array."""
+        return self.as_array()
 
     def sample_times(self) -> Floats:
-        """Return times that resolve the sinusoids, s, shape (k,)."""
-        return _sample_times([self.frequency, *(term.frequency for term in self.terms)])
+        """Return times that resolve the sinusoids, over 10 s to 100 s, s, shape (k,); one time without sinusoids."""
+        moving = np.abs(self.frequency)[np.not_equal(self.frequency, 0.0)]
+        if not moving.size:
+            return np.zeros(1)
+        horizon = np.clip(2.0 * np.pi / moving.min(), 10.0, 100.0)
+        return np.linspace(0.0, horizon, int(np.clip(horizon * max(50.0, 7.0 * moving.max()), 1, 20_000)))
 
 
 @settings
@@ -268,6 +250,7 @@ class Waypoints(_Packed):
     points: Annotated[tuple[Point, ...], Range(-LARGEST, LARGEST, "m and rad")]
     closed: bool = False  # whether the trajectory repeats without stopping; the last point must equal the first
     kind: Literal["waypoints"] = "waypoints"
+    _evaluate = staticmethod(_evaluate_waypoints)
 
     def __post_init__(self) -> None:
         if len(self.times) < 2 or self.times[0] != 0.0:
@@ -290,7 +273,7 @@ class Waypoints(_Packed):
 
     @cached_property
     def packed(self) -> Floats:
-        """The packed trajectory, shape (k,)."""
+        """The packed waypoints, shape (k,)."""
         times, points = np.array(self.times), np.array(self.points)
         origins, coefficients = times[:-1], minimum_snap(times, points, self.closed)
         if not self.closed:  # a piece at rest before the first time, and one after the last time
@@ -298,7 +281,7 @@ class Waypoints(_Packed):
             rest[:, :, 0] = points[0], points[-1]
             origins = np.concatenate([times[:1], times])
             coefficients = np.concatenate([rest[:1], coefficients, rest[1:]])
-        header = [times[-1] if self.closed else 0.0, len(origins), 0.0]
+        header = [times[-1] if self.closed else 0.0, len(origins)]
         return np.concatenate([header, origins, coefficients.ravel()])
 
     def sample_times(self) -> Floats:
@@ -312,8 +295,8 @@ KINDS: dict[str, type[Waypoints] | type[Reference]] = {"waypoints": Waypoints, "
 
 
 def is_one_term(trajectory: Any) -> TypeGuard[Reference]:
-    """Return whether a trajectory is a `Reference` of one sinusoid, which its array determines."""
-    return isinstance(trajectory, Reference) and not trajectory.terms
+    """Return whether a trajectory is a `Reference`, which its array determines."""
+    return isinstance(trajectory, Reference)
 
 
 def as_trajectory(value: Any, name: str) -> Trajectory:
@@ -338,12 +321,11 @@ _NO_POINTS = np.empty((POINT_SIZE, 0))
 
 
 class TrajectoryTable:
-    """Trajectories that n sub-environments follow, packed; each object is stored once.
+    """Waypoints that n sub-environments follow, packed; each object is stored once.
 
     Attributes:
-        numbers: Packed trajectories, one after the other, shape (k,).
-        first: Position in `numbers` of the trajectory of each sub-environment, shape (n,); −1: a `Reference` of one
-            term.
+        numbers: Packed waypoints, one after the other, shape (k,).
+        first: Position in `numbers` of the waypoints of each sub-environment, shape (n,); −1: a `Reference`.
     """
 
     def __init__(self, rows: int) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import quadpend_train.training.settings  # noqa: F401, so that all settings are imported
-from quadpend_gym import Constant, Reference, SinusoidTerm, Waypoints
+from quadpend_gym import Constant, Waypoints
 from quadpend_gym.core.models import FromFactory
 from quadpend_gym.core.settings import Interval, Range, declared, parse, settings
 from quadpend_gym.randomization import Around, LoopChanges, LoopRanges, ParameterRanges
@@ -27,7 +27,7 @@ EXAMPLES = (  # of classes with fields that have no default
     *(Around(0.1), ParameterRanges(bob_mass=(0.1, 0.2)), LoopRanges(jitter=0.1)),
     LoopChanges((0.0, 1.0), latency=(0.0, 0.1)),
     Jumps((0.1, 0.2)),
-    *(Waypoints((0.0, 1.0), ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0))), Reference(terms=(SinusoidTerm(),))),
+    Waypoints((0.0, 1.0), ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0))),
     *(HUMMINGBIRD, HUMMINGBIRD.rotors, HUMMINGBIRD.pole, HUMMINGBIRD.drag, HUMMINGBIRD.rate_loop),
 )
 BY_CLASS = {type(item): item for item in EXAMPLES}

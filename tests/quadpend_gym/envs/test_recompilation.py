@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-from quadpend_gym import QuadPendulumEnv, QuadPendulumVectorEnv, Reference, Simulation, Task
+from quadpend_gym import QuadPendulumEnv, QuadPendulumVectorEnv, Simulation, Task, Waypoints
 from quadpend_gym.core.arrays import Floats32
 from tests.helpers.envs import make, make_vec
 
 RIGID = Simulation(vehicle="hummingbird", interface="body_rates", latency=0.015)
-TRAJECTORY = Reference(terms=({"amplitude": (0.1, 0.0, 0.0, 0.0), "frequency": (1.0, 0.0, 0.0, 0.0)},))
+TRAJECTORY = Waypoints((0.0, 3.0), ((0.0, 0.0, 2.0), (0.1, 0.0, 2.0)))
 ACTION = np.array([0.1, -0.2, 0.3, 0.0], np.float32)
 
 

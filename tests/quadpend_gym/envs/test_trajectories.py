@@ -10,15 +10,13 @@ from quadpend_gym.tasks.observation import read_observation
 from tests.helpers.envs import draw_actions, make_unwrapped
 
 WAYPOINTS = Waypoints((0, 2, 4, 6), ((0, 0, 2), (1, 0, 2, 0.3), (1, 1, 2.5), (0, 1, 2)))
-CHORD = Reference(
-    terms=[{"amplitude": (0.5, 0.4, 0.1, 0.2), "frequency": 1.0}, {"amplitude": 0.05, "frequency": (3, 2, 1, 0)}]  # type: ignore[arg-type]
-)
-HOVER = Reference.hover(1.0)
+SINUSOIDS = Reference(amplitude=(0.5, 0.4, 0.1, 0.2), frequency=(1.0, 2.0, 3.0, 1.0))
+TOUR = Waypoints((0, 2, 4), ((0, 0, 2), (1, 0, 2, 0.3), (0, 1, 2)))
 DATA = {"kind": "waypoints", "times": [0, 2, 4, 6], "points": [[0, 0, 2], [1, 0, 2, 0.3], [1, 1, 2.5], [0, 1, 2]]}
 EXACT = StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("trajectory", [WAYPOINTS, CHORD], ids=["waypoints", "sinusoids"])
+@pytest.mark.parametrize("trajectory", [WAYPOINTS, SINUSOIDS], ids=["waypoints", "sinusoids"])
 def test_observation_and_start_are_those_of_the_trajectory(trajectory: Any) -> None:
     env = make_unwrapped(task=Task(trajectory=trajectory, start=EXACT))
     env.reset(seed=0)
@@ -40,7 +38,7 @@ def test_observation_and_start_are_those_of_the_trajectory(trajectory: Any) -> N
 def test_the_option_replaces_the_trajectory_of_the_task_for_one_episode() -> None:
     env = make_unwrapped(task={"trajectory": DATA})
     world = env.world
-    for options, expected in ((None, WAYPOINTS), ({"reference": CHORD}, CHORD), ({"reference": HOVER}, HOVER)):
+    for options, expected in ((None, WAYPOINTS), ({"reference": SINUSOIDS}, SINUSOIDS), ({"reference": TOUR}, TOUR)):
         env.reset(seed=0, options=options)
         assert world.trajectory(0) == expected
     env.reset()

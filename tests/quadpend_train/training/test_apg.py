@@ -23,7 +23,12 @@ from tests.helpers.envs import assert_same
 from tests.helpers.training import train_policy, trained_arrays
 
 LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
-CURVE = {"kind": "sinusoids", "terms": [{"amplitude": 0.3, "frequency": 1.0}]}
+CURVE = {
+    "kind": "waypoints",
+    "times": [0, 1.5, 3, 4.5, 6],
+    "points": [[0.3, 0, 2, 0.2], [0, 0.3, 2.2], [-0.3, 0, 2, -0.2], [0, -0.3, 1.8], [0.3, 0, 2, 0.2]],
+    "closed": True,
+}
 WITHOUT_RATES = json.dumps({"wind": "windy", "observation": "output_feedback"})
 IN_LAB = json.dumps(
     {"wind": "windy", "observation": "lab", "sensors": {"kind": "bursts", "length": [0.05, 0.05], "pause": [0.1, 0.1]}}
@@ -209,7 +214,7 @@ def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
     [
         ({"scenarios": (json.dumps({"actuators": {"kind": "rate_limit"}}),)}, "actuator 'rate_limit', only"),
         ({"scenarios": (WITHOUT_RATES,), "hybrid": HybridSettings()}, "no velocities .* needs a base_controller"),
-        ({"scenarios": (JUMPING,)}, "cannot have task.jumps with waypoints or sums of sinusoids"),
+        ({"scenarios": (JUMPING,)}, "cannot have task.jumps with waypoints"),
         ({"reward_scale": 0.1}, "reward_scale must be 0.01 with algo 'apg', not 0.1"),
         ({"reward": RewardWeights(tip=0.1)}, "reward must be RewardWeights.* with algo 'apg', not"),
         (

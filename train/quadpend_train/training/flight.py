@@ -119,7 +119,7 @@ def check_covered(name: str, scenario: Scenario) -> None:
         raise ValueError(f"algo 'apg' draws the loop of rigid vehicles only, not that of the scenario {name}")
     trajectory = scenario.task.trajectory
     if scenario.task.jumps is not None and trajectory is not None and not is_one_term(trajectory):
-        raise ValueError(f"algo 'apg' cannot have task.jumps with waypoints or sums of sinusoids (scenario {name})")
+        raise ValueError(f"algo 'apg' cannot have task.jumps with waypoints (scenario {name})")
     if scenario.task.pendulum != "upright" or scenario.task.reward.pendulum_first > 0.0:
         raise ValueError(f"algo 'apg' balances an upright pendulum only, not the task of the scenario {name}")
 
