@@ -1,16 +1,25 @@
 """Bytes of motion capture and of MSP are those of their documents, whatever arrives."""
 
+import os
+import socket
 import struct
+import subprocess
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from quadpend_gym.autopilots.firmware import find_binary
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_train.links.motion_capture import SIZE, Receiver, Sample, pack, unpack
 from quadpend_train.links.msp import Message, Reader, channels_of, request, set_raw_rc
 from quadpend_train.links.thrust import ThrustTable
 
 SAMPLE = Sample(7, 1.5, (1.0, -2.0, 0.5), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_RC = 105  # MSP_RC, the firmware's channels after its map
 BYTES = bytes.fromhex(  # made by hand
     "51504d31 07000000 000000000000f83f"
     "000000000000f03f 00000000000000c0 000000000000e03f"
@@ -104,3 +113,36 @@ def test_a_table_that_cannot_be_inverted_is_refused(change: dict[str, object], m
     table = {"throttles": (0.0, 0.5, 1.0), "voltages": (14.0, 16.0), "thrusts": ((0.0, 1.0, 3.0), (0.0, 2.0, 4.0))}
     with pytest.raises(ValueError, match=message):
         ThrustTable(**{**table, **change})
+
+
+@pytest.mark.extras
+def test_the_firmware_takes_the_channels(tmp_path: Path) -> None:
+    """Betaflight's own process, whose clock runs with the samples of its gyro, receives channels on its TCP port."""
+    try:
+        binary = find_binary(os.environ.get("BETAFLIGHT_SITL"))
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process, reader, channels = subprocess.Popen([binary], cwd=tmp_path, **quiet), Reader(), set()
+    given = [1600, 1400, 1200, 1550, 1000, 1000, 1000, 1000]
+    expected = (1600, 1400, 1550, 1200, 1000, 1000, 1000, 1000)  # roll, pitch, yaw, throttle, AUX
+    rest = *(0.0, 0.0, 0.0), *(0.0, 0.0, -9.80665), *(1.0, 0.0, 0.0, 0.0), *(0.0,) * 6, 101325.0
+    try:
+        time.sleep(1.5)
+        with (
+            socket.create_connection(("127.0.0.1", 5761), 5.0) as link,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gyro,
+        ):
+            link.settimeout(0.001)
+            begin = time.monotonic()
+            while expected not in channels and (now := time.monotonic() - begin) < 20.0:
+                gyro.sendto(struct.pack("<18d", now, *rest), ("127.0.0.1", 9003))
+                link.sendall(set_raw_rc(given) + request(_RC))
+                with suppress(TimeoutError):
+                    for reply in reader.read(link.recv(4096)):
+                        assert not reply.is_refused
+                        channels |= {struct.unpack("<8H", reply.payload[:16])} if reply.command == _RC else set()
+    finally:
+        process.kill()
+        process.wait()
+    assert expected in channels
