@@ -213,7 +213,6 @@ class Flatness(Law):
     """The control law (1)–(7) for n rows."""
 
     gains: FlatnessGains
-    flies_load = True
 
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None]:
