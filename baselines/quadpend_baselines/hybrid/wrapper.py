@@ -44,8 +44,9 @@ class VectorHybridWrapper(VectorWrapper):
     ):
         super().__init__(env)
         space, world = env.single_observation_space, world_of(env)
-        layout = meaning_of(space).get("layout")
-        if layout not in PRESETS.values():
+        meaning = meaning_of(space)
+        layout = meaning.get("layout")
+        if layout not in PRESETS.values() or "history" in meaning:
             raise ValueError(
                 f"a hybrid takes the observation {' or '.join(map(repr, PRESETS))}, not {space}: put its wrapper inside"
                 " the other wrappers that change the observation"
