@@ -1,6 +1,5 @@
 """The supervisor in exported C: every status, every limit, the kill, engaging, set points, and any input."""
 
-import ctypes
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,18 +11,16 @@ import numpy as np
 import pytest
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.c_library import load_c
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_train.export.to_c import export_c
+from quadpend_train.links.supervised import FLY, HOLD, KILL, OFF, Supervised
 from quadpend_train.policies.compiled import CPolicy, SupervisedPolicy, samples_of
 from quadpend_train.policies.loading import load_policy
 from tests.helpers.policies import mlp_policy
 
 pytestmark = pytest.mark.skipif(which("cc") is None, reason="there is no C compiler")
 FUZZ = Path(__file__).with_name("fuzz.c")
-OFF, HOLD, FLY, KILL = range(4)
 PERIOD = 0.01
-_REAL = ctypes.c_double
 
 
 def scenario(name: str, **parts: Any) -> Scenario:
@@ -53,43 +50,23 @@ def source(request: pytest.FixtureRequest) -> Path:
     return found
 
 
-class Public(ctypes.Structure):
-    """The public fields of a supervisor."""
-
-    _fields_ = (
-        ("request", ctypes.c_int),
-        *((name, _REAL) for name in ("pole_tilt", "body_tilt", "distance", "lowest", "highest", "speed", "age")),
-        ("caution", _REAL),
-        ("innovations", _REAL * 3),
-        ("set_point", _REAL * 2),
-        ("yaw", _REAL * 2),
-        ("stage", ctypes.c_int),
-        ("status", ctypes.c_uint32),
-        ("cause", ctypes.c_uint32),
-        *((name, _REAL) for name in ("blind", "innovation", "saturated")),
-        ("reference", _REAL * 26),
-    )
-
-
 class Flight:
-    """A supervised policy in double precision, called as firmware calls it."""
+    """A supervised policy, called as firmware calls it, whose statuses have names."""
 
     def __init__(self, source: Path) -> None:
-        policy = SupervisedPolicy(source, ("QUADPEND_DOUBLE",))
-        self.bits, self.library = policy.statuses, load_c(policy.source)
-        self.memory = ctypes.create_string_buffer(self.library.memory_size())
-        self.library.policy_supervisor_reset(self.memory)
-        self.public = Public.from_buffer(self.memory)
+        self.flown = Supervised(source)
+        self.bits, self.public = self.flown.bits, self.flown.fields
+
+    @property
+    def command(self) -> Floats:
+        return self.flown.command
 
     def step(self, sample: Floats | None = None, reference: Floats | None = None, request: int = FLY) -> set[str]:
         """Step, and return the names of the status."""
-        self.public.request, out = request, np.full(4, np.nan)
-        given = [None if x is None else np.asarray(x, float) for x in (sample, reference)]
-        pointers = [x if x is None else x.ctypes.data_as(ctypes.c_void_p) for x in (*given, out)]
-        status = self.library.policy_supervise(self.memory, *pointers)
-        self.command = out
+        self.command[:] = np.nan
+        status = self.flown.step(sample, request, reference)
         assert status == self.public.status
-        return {name for name, bit in self.bits.items() if status & bit}
+        return set(self.flown.names(status))
 
     def hover(self, steps: int, request: int = FLY) -> None:
         """Go on for some steps with ordinary samples, without a status."""
@@ -104,7 +81,7 @@ class Flight:
         return np.concatenate([place, *rest]).astype(float)
 
     def go_to(self, *position: float, yaw: float = 0.0) -> None:
-        self.library.policy_go_to(self.memory, (_REAL * 3)(*position), _REAL(yaw))
+        self.flown.go_to(np.array(position), yaw)
 
     @property
     def derivatives(self) -> Floats:

@@ -14,28 +14,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_gym.autopilots.betaflight import radio
+from quadpend_gym.autopilots.betaflight import full_rates, radio
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.vehicles import Simulation, rotors_of
 from quadpend_train.links.thrust import ThrustTable
 
-SET_RAW_RC = 200
+MOTOR, SET_RAW_RC = 104, 200
 _CHANNELS, _LEAST, _MOST = 18, 750, 2250  # the firmware's largest number, and its limits of a valid pulse, µs
 _LOW, _HIGH = 1000, 2000  # µs, of a switch
+MIN_CHECK = 1005  # µs, the channel of the lowest throttle
 
 
 class Message(NamedTuple):
-    """A reply of the autopilot."""
+    """A reply of the autopilot, or what it gets."""
 
     command: int
     payload: bytes
     is_refused: bool
 
 
-def request(command: int, payload: bytes = b"") -> bytes:
-    """Return the bytes of a message to the autopilot."""
+def request(command: int, payload: bytes = b"", direction: bytes = b"<") -> bytes:
+    """Return the bytes of a message to the autopilot, or of its reply with the direction ``>``."""
     body = bytes([len(payload), command]) + payload
-    return b"$M<" + body + bytes([reduce(xor, body)])
+    return b"$M" + direction + body + bytes([reduce(xor, body)])
 
 
 def set_raw_rc(channels: Sequence[int]) -> bytes:
@@ -64,11 +65,20 @@ def channels_of(
     return [*sticks, _HIGH if is_armed else _LOW, *[_LOW] * 3]
 
 
-class Reader:
-    """Finds the replies in the bytes that arrive; bytes that belong to none are left out."""
+def command_of(channels: Sequence[int], simulation: Simulation) -> Floats:
+    """Return thrust (N) and body rates (rad/s) of channels, shape (4,): what `channels_of` has rounded."""
+    roll, pitch, throttle, yaw = np.clip(channels[:4], 1000, 2000)
+    low, high = rotors_of(simulation.vehicle).thrust
+    share = np.clip((throttle - MIN_CHECK) / (_HIGH - MIN_CHECK), 0.0, 1.0)
+    rates = np.array([roll - 1500, pitch - 1500, 1500 - yaw]) / 500.0 * np.radians(10.0 * full_rates(simulation))
+    return np.append(4.0 * (low + (high - low) * share), rates)
 
-    def __init__(self) -> None:
-        self._rest = b""
+
+class Reader:
+    """Finds the messages of some directions in the bytes that arrive; bytes that belong to none are left out."""
+
+    def __init__(self, directions: bytes = b">!") -> None:
+        self._rest, self._directions = b"", directions
 
     def read(self, data: bytes) -> list[Message]:
         """Return the replies that are complete with these bytes."""
@@ -77,10 +87,10 @@ class Reader:
         while (start := self._rest.find(b"$M")) >= 0:
             self._rest = self._rest[start:]
             direction, end = self._rest[2:3], 6 + self._rest[3] if len(self._rest) > 3 else 6
-            if direction in (b"", b">", b"!") and len(self._rest) < end:
+            if direction in self._directions and len(self._rest) < end:
                 return found
             body = self._rest[3:end]
-            if direction in (b">", b"!") and reduce(xor, body) == 0:
+            if direction and direction in self._directions and reduce(xor, body) == 0:
                 found.append(Message(body[1], body[2:-1], direction == b"!"))
                 self._rest = self._rest[end:]
             else:

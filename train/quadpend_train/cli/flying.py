@@ -1,0 +1,119 @@
+"""The commands about real flights: `fly`, and `simulate` for a flight on the desk."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from quadpend_gym.core.settings import Range
+from quadpend_train.cli.options import Seed
+
+Angle = Annotated[float, Range(0.0, 3.15, "rad")]
+Length = Annotated[float, Range(0.0, 1e4)]
+
+
+def fly(
+    policy: tyro.conf.Positional[Path],
+    to: str,
+    source: Annotated[str, tyro.conf.arg(name="from")] = "0.0.0.0:9101",
+    vehicle: str | None = None,
+    log: Path = Path("flight.csv"),
+    thrust: Path | None = None,
+    voltage: Annotated[float, Range(0.0, 100.0, "V")] = 0.0,
+    age: Annotated[float, Range(0.0, 0.3, "s")] = 0.15,
+    pole_tilt: Angle = 0.785,
+    body_tilt: Angle = 1.05,
+    distance: Length = 0.5,
+    height: tuple[float, float] = (0.0, 10.0),
+    speed: Length = 5.0,
+    step: Annotated[float, Range(0.0, 10.0, "m")] = 0.5,
+) -> None:
+    """Fly a vehicle: motion capture by UDP, a policy in C with its supervisor, an autopilot by MSP.
+
+    Keys arm, hold, fly, move the set point and disarm; any other key kills. docs/first-flight.md has their order.
+
+    Args:
+        policy: C file that `quadpend export` has written.
+        to: The autopilot: msp:HOST:PORT, msp:/dev/ttyACM0, or module:function of your own.
+        source: Address at which samples of motion capture arrive.
+        vehicle: Preset or TOML file with the rates and the thrusts of the autopilot; default: that of the policy.
+        log: CSV file for motion capture, motors, commands and status.
+        thrust: TOML file of throttles, voltages and the measured thrusts of a rotor; default: linear in the throttle.
+        voltage: Of the battery, for the file of thrusts.
+        age: Time without a usable sample that kills.
+        pole_tilt: Tilt of the pole that kills, from upright.
+        body_tilt: Tilt of the body that kills, from level.
+        distance: Of the tracked point from its reference that kills, m.
+        height: Lowest and highest height of the vehicle's centre, m; beyond it is killed.
+        speed: Of the vehicle's centre that kills, m/s.
+        step: Distance by which a key moves the set point.
+    """
+    from quadpend_gym.core.files import read_toml
+    from quadpend_gym.core.settings import parse
+    from quadpend_gym.vehicles import Simulation
+    from quadpend_gym.vehicles.vehicle import as_vehicle
+    from quadpend_train.links import flight
+    from quadpend_train.links.autopilots import open_link, parse_address
+    from quadpend_train.links.supervised import Supervised
+    from quadpend_train.links.terminal import keys_at_once, prefer
+    from quadpend_train.links.thrust import ThrustTable
+
+    flown = Supervised(policy)
+    if flown.designed["INTERFACE"] != "body_rates":
+        raise ValueError(f"{policy} commands {flown.designed['INTERFACE']}; an autopilot takes body_rates")
+    simulation = Simulation(vehicle=as_vehicle(vehicle or flown.designed["VEHICLE"]), interface="body_rates")
+    limits = {"age": age, "pole_tilt": pole_tilt, "body_tilt": body_tilt, "distance": distance, "speed": speed}
+    for name, value in {**limits, "lowest": height[0], "highest": height[1]}.items():
+        setattr(flown.fields, name, value)
+    table = None if thrust is None else parse(ThrustTable, read_toml(thrust), "thrust")
+    samples = flight.listen(*parse_address(source))
+    link = open_link(to, simulation, table, voltage)
+    if not prefer():
+        print("Warning: the system gives no real-time priority; see docs/first-flight.md", file=sys.stderr)
+    print(flight.HELP, flush=True)
+    with keys_at_once():
+        summary = flight.fly(flown, samples, link, log, step)
+    for sentence in summary.sentences():
+        print(f"{sentence}.")
+    print(f"Written: {log}")
+    if summary.cause:
+        sys.exit(1)
+
+
+def simulate(
+    to: str = "127.0.0.1:9101",
+    listen: str = "127.0.0.1:9100",
+    scenario: str = "flight_breeze",
+    vehicle: str | None = None,
+    seed: Seed = 0,
+    rate: Annotated[float, Range(10.0, 500.0, "1/s")] = 100.0,
+    delay: Annotated[float, Range(0.0, 1.0, "s")] = 0.016,
+) -> None:
+    """Simulate a vehicle with its pole in real time, for a flight on the desk.
+
+    It sends samples of motion capture by UDP, and takes channels by MSP over TCP. Body and pole begin in a hand. There
+    is no ground.
+
+    Args:
+        to: Address to which samples go.
+        listen: Address to which `quadpend fly --to msp:…` connects.
+        scenario: Vehicle, wind and sensors, which must have noise.
+        vehicle: Vehicle in place of that of the scenario, as in evaluate.
+        seed: Of wind and noise.
+        rate: Samples in a second.
+        delay: Of the samples; the whole latency is about 4 ms longer.
+    """
+    import socket
+
+    from quadpend_train.cli.options import named_scenarios
+    from quadpend_train.links import desk
+    from quadpend_train.links.autopilots import parse_address
+    from quadpend_train.links.terminal import keys_at_once, prefer
+
+    (flown,) = named_scenarios((scenario,), vehicle).values()
+    simulated = desk.Desk(flown, seed)
+    receiver = desk.Receiver(flown.simulation)
+    prefer()
+    with socket.create_server(parse_address(listen)) as server, keys_at_once():
+        print(desk.run(simulated, receiver, server, parse_address(to), round(1.0 / (rate * desk.PERIOD)), delay))
