@@ -60,9 +60,10 @@ def fly_on_the_desk(
     processes, output, pressed = {}, {}, {}
     try:
         for who, arguments in given.items():
-            processes[who] = subprocess.Popen(
-                [*command, *arguments], stdin=subprocess.PIPE, stdout=(folder / who).open("w"), stderr=subprocess.STDOUT
-            )
+            with (folder / who).open("w", encoding="utf-8") as written:
+                processes[who] = subprocess.Popen(
+                    [*command, *arguments], stdin=subprocess.PIPE, stdout=written, stderr=subprocess.STDOUT
+                )
             while "q end" not in (folder / who).read_text(encoding="utf-8"):
                 assert processes[who].poll() is None, (folder / who).read_text(encoding="utf-8")
                 time.sleep(0.05)
@@ -78,14 +79,12 @@ def fly_on_the_desk(
                     assert stream is not None
                     stream.write(key.encode())
                     stream.flush()
-        for who in ("fly", "desk"):
-            try:
-                processes[who].wait(5.0)
-            except subprocess.TimeoutExpired:
-                processes[who].kill()
+        until = time.monotonic() + 5.0
+        while time.monotonic() < until and any(process.poll() is None for process in processes.values()):
+            time.sleep(0.02)
     finally:
         for process in processes.values():
             process.kill()
-            process.wait()
+            process.communicate()
     output = {who: (folder / who).read_text(encoding="utf-8") for who in given}
     return Flown(pd.read_csv(folder / "log.csv"), output["fly"], output["desk"], pressed)

@@ -67,13 +67,13 @@ def fly(
     for name, value in {**limits, "lowest": height[0], "highest": height[1]}.items():
         setattr(flown.fields, name, value)
     table = None if thrust is None else parse(ThrustTable, read_toml(thrust), "thrust")
-    samples = flight.listen(*parse_address(source))
-    link = open_link(to, simulation, table, voltage)
-    if not prefer():
-        print("Warning: the system gives no real-time priority; see docs/first-flight.md", file=sys.stderr)
-    print(flight.HELP, flush=True)
-    with keys_at_once():
-        summary = flight.fly(flown, samples, link, log, step)
+    with flight.listen(*parse_address(source)) as samples:
+        link = open_link(to, simulation, table, voltage)
+        if not prefer():
+            print("Warning: the system gives no real-time priority; see docs/first-flight.md", file=sys.stderr)
+        print(flight.HELP, flush=True)
+        with keys_at_once():
+            summary = flight.fly(flown, samples, link, log, step)
     for sentence in summary.sentences():
         print(f"{sentence}.")
     print(f"Written: {log}")

@@ -102,7 +102,8 @@ class Desk:
         self._observation, _ = self._env.reset(seed=seed)
         self._simulation, self._time = self._env.scenario.simulation, 0.0
         self.switches = dict.fromkeys("bpdzl", False)
-        self._pushed_until, self._outliers, self._frozen, self._counter = 0.0, 0, None, 0
+        self._pushed_until, self._outliers, self._counter = 0.0, 0, 0
+        self._frozen = samples_of(self._observation)
         self.press("b")
         self.press("p")
 
@@ -150,8 +151,8 @@ class Desk:
         x = samples_of(self._observation)
         if self.switches["d"] or x[10] > 0.0:
             return None
-        if not self.switches["z"] or self._frozen is None:
-            self._frozen = x.copy()
+        if not self.switches["z"]:
+            self._frozen = x
         x, self._counter = self._frozen.copy(), self._counter + 1
         if self._outliers:
             x[0], self._outliers = x[0] + _OUTLIER, self._outliers - 1

@@ -1,0 +1,283 @@
+"""A flight on the desk in real time over UDP and MSP; what takes keys, channels and samples does so without waiting."""
+
+import os
+import pty
+import socket
+from contextlib import closing
+from pathlib import Path
+from shutil import which
+
+import numpy as np
+import pytest
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.scenarios import Scenario, find_scenarios
+from quadpend_gym.vehicles import Simulation
+from quadpend_train.cli.main import main
+from quadpend_train.export.to_c import export_c
+from quadpend_train.flight_logs.log import Columns
+from quadpend_train.flight_logs.readers import read_log
+from quadpend_train.links.autopilots import Link, Msp, open_link, parse_address
+from quadpend_train.links.desk import PERIOD, Desk, Receiver
+from quadpend_train.links.flight import Operator
+from quadpend_train.links.motion_capture import Sample
+from quadpend_train.links.msp import MOTOR, Reader, channels_of, command_of, request, set_raw_rc
+from quadpend_train.links.supervised import FLY, HOLD, KILL, OFF
+from quadpend_train.links.terminal import END
+from quadpend_train.policies.loading import load_policy
+from tests.helpers import desk as flights
+
+HOVER = np.array([6.86, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def breeze() -> Scenario:
+    return find_scenarios(["flight_breeze"])["flight_breeze"]
+
+
+@pytest.fixture(scope="module")
+def lqg(tmp_path_factory: pytest.TempPathFactory, breeze: Scenario) -> Path:
+    if which("cc") is None:
+        pytest.skip("there is no C compiler")
+    source = tmp_path_factory.mktemp("lqg") / "policy.c"
+    export_c(load_policy("lqg"), "lqg", breeze, source)
+    return source
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ("", (OFF, False, "")),
+        ("hf", (OFF, False, "")),  # not armed
+        ("a", (OFF, True, "")),
+        ("ah", (HOLD, True, "")),
+        ("ahf", (FLY, True, "")),
+        ("ahfh", (HOLD, True, "")),
+        ("ahfho", (OFF, False, "")),
+        ("ahfx", (KILL, True, "the key 'x'")),
+        ("ahfo", (KILL, True, "the key 'o'")),  # in the air
+        ("ahfq", (KILL, True, "the key 'q'")),
+        ("ahfxfh", (KILL, True, "the key 'x'")),  # for ever
+    ],
+)
+def test_keys_are_requests_and_a_key_without_a_meaning_kills(keys: str, expected: tuple[int, bool, str]) -> None:
+    operator = Operator()
+    for key in keys:
+        operator.press(key)
+    assert (operator.request, operator.is_armed, operator.cause) == expected
+    assert not operator.has_ended
+
+
+def test_keys_move_the_set_point_end_and_a_closed_terminal_kills() -> None:
+    operator = Operator()
+    for key in "iiju":
+        operator.press(key)
+    assert operator.moves.tolist() == [2.0, 1.0, 1.0]
+    operator.press(END)
+    assert operator.cause == "the terminal is closed"
+    ended = Operator()
+    ended.press("q")
+    assert ended.has_ended
+
+
+def test_channels_are_the_command_again(breeze: Scenario) -> None:
+    given = np.array([8.0, 1.0, -2.0, 0.7])
+    channels = channels_of(given, True, breeze.simulation)
+    assert command_of(channels, breeze.simulation) == pytest.approx(given, abs=0.015)
+
+
+def test_a_receiver_arms_at_the_lowest_throttle_and_disarms_without_channels(breeze: Scenario) -> None:
+    receiver, now = Receiver(breeze.simulation), 0.0
+
+    def take(command: Floats, is_armed: bool) -> bool:
+        receiver.take(set_raw_rc(channels_of(command, is_armed, breeze.simulation)), now, b"")
+        return receiver.is_armed
+
+    assert not take(np.zeros(4), True)  # the switch was on before the first message
+    assert not take(HOVER, False)
+    assert not take(HOVER, True)
+    assert not take(np.zeros(4), False)
+    assert take(np.zeros(4), True)
+    assert take(HOVER, True)
+    assert receiver.command == pytest.approx(HOVER, abs=0.01)
+    receiver.take(b"", now + 0.05, b"")
+    assert receiver.is_armed
+    receiver.take(b"", now + 0.07, b"")
+    assert not receiver.is_armed
+    assert not take(HOVER, True)
+    assert not take(np.zeros(4), False)
+    replies = Reader().read(receiver.take(request(MOTOR) + set_raw_rc([1500] * 5), now, b"12345678"))
+    assert [(reply.command, reply.payload) for reply in replies] == [(MOTOR, b"12345678"), (200, b"")]
+
+
+def test_a_link_sends_channels_reads_motors_and_notices_its_end(breeze: Scenario) -> None:
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    link, receiver = Msp(ours.detach(), breeze.simulation, None, 0.0), Receiver(breeze.simulation)
+    with theirs:
+        for is_armed in (False, True):
+            link.send(np.zeros(4), is_armed)
+            theirs.sendall(receiver.take(theirs.recv(4096), 0.0, np.full(8, 1250, "<u2").tobytes()))
+            assert np.isnan(link.motors()).all() == (not is_armed)
+        assert receiver.is_armed
+        link.send(HOVER, True)
+        assert link.motors().tolist() == [0.25] * 4
+        assert 0.0 <= link.silence() < 1.0
+    with pytest.raises(OSError, match=r"closed|reset"):
+        link.send(HOVER, True)
+    link.close()
+
+
+def test_a_serial_port_is_a_link(breeze: Scenario) -> None:
+    autopilot, port = pty.openpty()
+    with closing(open_link(f"msp:{os.ttyname(port)}", breeze.simulation)) as link:
+        link.send(HOVER, False)
+        expected = set_raw_rc(channels_of(HOVER, False, breeze.simulation)) + request(MOTOR)
+        assert os.read(autopilot, 4096) == expected
+    os.close(autopilot)
+    os.close(port)
+
+
+def own_link(simulation: Simulation) -> Link:
+    """A link of a user's own."""
+    return Msp(os.dup(0), simulation, None, 0.0)
+
+
+def no_link(simulation: Simulation) -> object:
+    return object()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("mavlink", "a link must be msp:HOST:PORT, msp:/dev/NAME or module:function, not 'mavlink'"),
+        ("msp:host", "an address must be HOST:PORT or PORT, with a port from 1 to 65535, not 'host'"),
+        ("msp:127.0.0.1:1", "there is no autopilot at 127.0.0.1:1: "),
+        (f"{__name__}:no_link", "must have the method send"),
+    ],
+)
+def test_a_wrong_link_is_refused_in_a_sentence(name: str, message: str, breeze: Scenario) -> None:
+    with pytest.raises(ValueError, match=message):
+        open_link(name, breeze.simulation)
+
+
+def test_addresses_and_links_of_ones_own(breeze: Scenario) -> None:
+    assert parse_address("9101") == ("127.0.0.1", 9101)
+    assert parse_address("10.0.0.2:5761") == ("10.0.0.2", 5761)
+    open_link(f"{__name__}:own_link", breeze.simulation).close()
+
+
+def seen(desk: Desk, steps: int) -> Sample:
+    """What motion capture sees after some steps with the motors at hover."""
+    for _ in range(steps):
+        desk.step(HOVER)
+    sample = desk.sample(0.0)
+    assert sample is not None
+    return sample
+
+
+def test_a_hand_holds_body_and_pole_and_lets_them_go(breeze: Scenario) -> None:
+    desk = Desk(breeze, 0)
+    first, later = seen(desk, 1), seen(desk, 500)
+    assert first != later  # noise
+    assert np.linalg.norm(np.subtract(first.position, later.position)) < 0.01
+    desk.press("b")  # the pole's top is still held
+    assert seen(desk, 100).direction[2] > 0.99
+    desk.press("p")
+    assert any(desk.step(HOVER) for _ in range(3000))  # an inverted pendulum falls
+    desk.press("b")
+    assert seen(desk, 500).position == pytest.approx(seen(desk, 500).position, abs=0.01)
+
+
+def test_motion_capture_misses_freezes_and_errs_to_order(breeze: Scenario) -> None:
+    desk = Desk(breeze, 0)
+    before = seen(desk, 1)
+    desk.press("o")
+    assert seen(desk, 1).position[0] == pytest.approx(before.position[0] + 1.0, abs=0.01)
+    frozen = seen(desk, 1)
+    desk.press("z")
+    assert seen(desk, 9)[2:] == frozen[2:]
+    desk.press("z")
+    assert seen(desk, 9)[2:] != frozen[2:]
+    desk.press("d")
+    assert desk.sample(0.0) is None
+    desk.press("d")
+    assert seen(desk, 1).counter == 6
+
+
+def test_a_push_moves_the_body(breeze: Scenario) -> None:
+    places = []
+    for keys in ("b", "bw"):
+        desk = Desk(breeze, 0)
+        for key in keys:
+            desk.press(key)
+        places.append(seen(desk, round(0.3 / PERIOD)).position[0])
+    assert places[1] > places[0] + 0.01
+
+
+def test_wrong_input_is_one_sentence(lqg: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, message in {
+        ("fly", "none.c", "--to", "msp:1"): "there must be a C file none.c",
+        ("fly", str(lqg), "--to", "1"): "a link must be msp:HOST:PORT",
+        ("simulate", "--listen", "here"): "an address must be HOST:PORT or PORT",
+    }.items():
+        with pytest.raises(SystemExit) as end:
+            main([*arguments])
+        assert end.value.code == 2
+        assert message in capsys.readouterr().err
+
+
+def flies_well(flown: flights.Flown) -> bool:
+    """Whether a flight to a set point 0.5 m away ended in the hand, near its set points."""
+    log = flown.log
+    assert "Not killed" in flown.fly, flown.fly
+    assert "ended after" in flown.desk, flown.desk
+    last = log[log.stage == "FLY"].tail(50)
+    return bool((last.x - last.goal_x).abs().max() < 0.05 and last.goal_x.iloc[0] > 0.45)
+
+
+def test_a_flight_on_the_desk_catches_flies_to_a_set_point_and_is_released(lqg: Path, tmp_path: Path) -> None:
+    keys = *flights.START, (2.3, "fly", "i"), *flights.later(flights.END, 5.5)
+    flown = flights.fly_on_the_desk(lqg, tmp_path, keys)
+    assert flies_well(flown)
+    stages = flown.log.stage[flown.log.stage != flown.log.stage.shift()]
+    assert stages.tolist() == ["OFF", "HOLD", "FLY", "HOLD", "OFF"]
+    columns = Columns(pole_direction=("rx", "ry", "rz"), motor_unit="1", measured=True, seconds=(2.0, 5.0))
+    log = read_log(tmp_path / "log.csv", columns)
+    assert log.pole is not None
+    assert log.period == pytest.approx(0.01, abs=1e-3)
+    assert 0.2 < log.motors.mean() < 0.9
+
+
+EVENTS = {  # key, and within which time (ms) the receiver disarms
+    "frozen": ("desk", "z", 100.0),
+    "lost link": ("desk", "l", 100.0),
+    "killed companion": ("fly", "KILL", 100.0),
+    "key": ("fly", "x", 30.0),
+    "lost motion capture": ("desk", "d", 200.0),
+}
+
+
+@pytest.mark.extras
+@pytest.mark.parametrize("event", EVENTS)
+def test_a_lost_part_ends_in_the_kill_in_ten_of_ten(event: str, lqg: Path, tmp_path: Path) -> None:
+    (who, key, most), found = EVENTS[event], []
+    for seed in range(10):
+        flown = flights.fly_on_the_desk(lqg, tmp_path, (*flights.START, (2.6 + 0.013 * seed, who, key)), seed=seed)
+        of_key = flown.ordered("p") + flown.pressed[key] - flown.pressed["p"]
+        found.append(1e3 * (flown.disarmed - (of_key if who == "fly" else flown.ordered(key))))
+    print(f"{event}: disarmed after {min(found):.0f} to {max(found):.0f} ms")
+    assert min(found) >= 0.0
+    assert max(found) < most
+
+
+@pytest.mark.extras
+def test_nine_of_ten_flights_with_drop_outs_each_second_end_in_the_hand(lqg: Path, tmp_path: Path) -> None:
+    keys = *flights.START, (3.0, "fly", "i"), (6.0, "fly", "j"), *flights.later(flights.END, 10.0)
+    good, figures = 0, []
+    for seed in range(10):
+        flown = flights.fly_on_the_desk(lqg, tmp_path, keys, "event_dropouts", seed)
+        good += flies_well(flown)
+        figures.append(flown.fly.splitlines()[-5:-2])
+    print(*figures, sep="\n")
+    assert good >= 9
