@@ -230,15 +230,19 @@ def test_wrong_input_is_one_sentence(lqg: Path, capsys: pytest.CaptureFixture[st
 def flies_well(flown: flights.Flown) -> bool:
     """Whether a flight to a set point 0.5 m away ended in the hand, near its set points."""
     log = flown.log
-    assert "Not killed" in flown.fly, flown.fly
-    assert "ended after" in flown.desk, flown.desk
+    if "Not killed" not in flown.fly or "ended after" not in flown.desk:
+        print(flown.fly, flown.desk)
+        return False
     last = log[log.stage == "FLY"].tail(50)
     return bool((last.x - last.goal_x).abs().max() < 0.05 and last.goal_x.iloc[0] > 0.45)
 
 
 def test_a_flight_on_the_desk_catches_flies_to_a_set_point_and_is_released(lqg: Path, tmp_path: Path) -> None:
     keys = *flights.START, (2.3, "fly", "i"), *flights.later(flights.END, 5.5)
-    flown = flights.fly_on_the_desk(lqg, tmp_path, keys)
+    for seed in range(3):  # without real-time priority a busy machine may stop a process for longer than a flight bears
+        flown = flights.fly_on_the_desk(lqg, tmp_path, keys, seed=seed)
+        if "Not killed" in flown.fly:
+            break
     assert flies_well(flown)
     stages = flown.log.stage[flown.log.stage != flown.log.stage.shift()]
     assert stages.tolist() == ["OFF", "HOLD", "FLY", "HOLD", "OFF"]
