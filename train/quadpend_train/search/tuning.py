@@ -104,8 +104,8 @@ class Search:
         settings = [self.episodes, scenarios, ranges, asdict(self.present)]
         key = json.dumps([*settings, "geometric"] if self.geometric else settings)
         name = f"{self.name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
-        file = file.resolve()
         file.parent.mkdir(parents=True, exist_ok=True)
+        file = file.resolve()
         lock: Any = FileLock(file.with_name(f"{file.name}.filelock"), timeout=60.0)
         with quiet():
             try:
