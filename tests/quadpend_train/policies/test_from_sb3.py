@@ -345,4 +345,3 @@ def test_sequence_of_layers_becomes_an_mlp_policy(squash: Any) -> None:
     assert_acts_like(MlpPolicy(found, {"format": FORMAT, **fields, "hybrid": None}), expected)
     assert_acts_like(FunctionPolicy(lambda rows: module(torch.as_tensor(rows)).detach()), expected)
     assert_refused(lambda: read_layers([nn.LSTM(36, 4)]), "must have linear layers", ValueError)
-    assert_refused(lambda: FunctionPolicy(module, size=27), "FunctionPolicy has no size: give the fields", TypeError)

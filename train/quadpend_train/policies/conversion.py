@@ -77,12 +77,7 @@ class FunctionPolicy(Policy):
     clipped to [−1, 1]. The fields are the name of a preset or a list.
     """
 
-    def __init__(self, function: Callable[[Floats32], Any], fields: Any = FULL, **unknown: Any) -> None:
-        if unknown:
-            raise TypeError(
-                f"FunctionPolicy has no {', '.join(unknown)}: give the fields that the function observes, such as"
-                " fields='output_feedback'"
-            )
+    def __init__(self, function: Callable[[Floats32], Any], fields: Any = FULL) -> None:
         self.function, self.layouts = function, (as_layout(fields),)
 
     def predict(
