@@ -44,7 +44,7 @@ def _scaled(x: float) -> float:
 
 
 def test_a_change_of_an_inlined_function_in_another_file_invalidates_the_cache(tmp_path: Path) -> None:
-    """`trajectories._evaluate_reference` inlines `sincos` of `elementary.py`: one more in every sine shifts the circle."""
+    """`_evaluate_reference` of `trajectories.py` inlines `sincos` of `elementary.py`, which sets the circle."""
     shutil.copytree(ROOT / "quadpend_gym", tmp_path / "quadpend_gym", ignore=shutil.ignore_patterns("__pycache__"))
     assert float(output(tmp_path, CIRCLE)) == 0.0
     edited = tmp_path / "quadpend_gym/core/elementary.py"
