@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from quadpend_train.links.receivers import MSP_PORT
+
 START = ((0.0, "fly", "a"), (0.5, "fly", "h"), (1.0, "fly", "f"), (1.3, "desk", "b"), (1.8, "desk", "p"))  # then alone
 END = ((0.0, "desk", "b"), (0.2, "fly", "h"), (0.4, "fly", "o"), (0.6, "fly", "q"), (0.8, "desk", "q"))  # into the hand
 
@@ -48,14 +50,32 @@ def free_ports() -> tuple[int, int]:
 
 
 def fly_on_the_desk(
-    source: Path, folder: Path, keys: tuple[tuple[float, str, str], ...], scenario: str = "flight_breeze", seed: int = 0
+    source: Path,
+    folder: Path,
+    keys: tuple[tuple[float, str, str], ...],
+    scenario: str = "flight_breeze",
+    seed: int = 0,
+    autopilot: str = "direct",
 ) -> Flown:
     """Press keys of ``fly`` and ``desk`` at times (s) after the first step; the key ``KILL`` ends the process `fly`."""
     tcp, udp = free_ports()
+    link = tcp if autopilot == "direct" else MSP_PORT
     command = [sys.executable, "-m", "quadpend_train"]
     given = {
-        "desk": ["simulate", "--listen", str(tcp), "--to", str(udp), "--scenario", scenario, "--seed", str(seed)],
-        "fly": ["fly", source, "--to", f"msp:127.0.0.1:{tcp}", "--from", str(udp), "--log", folder / "log.csv"],
+        "desk": [
+            "simulate",
+            "--listen",
+            str(tcp),
+            "--to",
+            str(udp),
+            "--scenario",
+            scenario,
+            "--seed",
+            str(seed),
+            "--autopilot",
+            autopilot,
+        ],
+        "fly": ["fly", source, "--to", f"msp:127.0.0.1:{link}", "--from", str(udp), "--log", folder / "log.csv"],
     }
     processes, output, pressed = {}, {}, {}
     try:

@@ -1,8 +1,9 @@
 """The commands about real flights: `fly`, and `simulate` for a flight on the desk."""
 
 import sys
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -88,7 +89,8 @@ def simulate(
     vehicle: str | None = None,
     seed: Seed = 0,
     rate: Annotated[float, Range(10.0, 500.0, "1/s")] = 100.0,
-    delay: Annotated[float, Range(0.0, 1.0, "s")] = 0.016,
+    delay: Annotated[float, Range(0.0, 1.0, "s")] = 0.017,
+    autopilot: Literal["direct", "betaflight"] = "direct",
 ) -> None:
     """Simulate a vehicle with its pole in real time, for a flight on the desk.
 
@@ -102,18 +104,25 @@ def simulate(
         vehicle: Vehicle in place of that of the scenario, as in evaluate.
         seed: Of wind and noise.
         rate: Samples in a second.
-        delay: Of the samples; the whole latency is about 4 ms longer.
+        delay: Of the samples; the whole latency is about 3 ms longer.
+        autopilot: What takes the channels: a receiver without firmware, or Betaflight's firmware, at its port 5761.
     """
     import socket
 
     from quadpend_train.cli.options import named_scenarios
-    from quadpend_train.links import desk
+    from quadpend_train.links import desk, receivers
     from quadpend_train.links.autopilots import parse_address
     from quadpend_train.links.terminal import keys_at_once, prefer
 
-    (flown,) = named_scenarios((scenario,), vehicle).values()
-    simulated = desk.Desk(flown, seed)
-    receiver = desk.Receiver(flown.simulation)
+    (flown,) = named_scenarios((scenario,), vehicle, "body_rates").values()
     prefer()
-    with socket.create_server(parse_address(listen)) as server, keys_at_once():
-        print(desk.run(simulated, receiver, server, parse_address(to), round(1.0 / (rate * desk.PERIOD)), delay))
+    with ExitStack() as stack:
+        made: receivers.Firmware | receivers.Direct
+        if autopilot == "betaflight":
+            made = stack.enter_context(receivers.Firmware(flown.simulation))
+        else:
+            server = stack.enter_context(socket.create_server(parse_address(listen)))
+            made = receivers.Direct(server, flown.simulation)
+        simulated = desk.Desk(flown, seed, "rotors" if autopilot == "betaflight" else "body_rates")
+        stack.enter_context(keys_at_once())
+        print(desk.run(simulated, made, parse_address(to), round(1.0 / (rate * desk.PERIOD)), delay))
