@@ -91,7 +91,7 @@ def test_channels_have_the_signs_and_the_scale_of_the_firmware() -> None:
     assert len(channels) == 8
     assert channels[:2] == [1500 + round(500 / np.radians(580)), 1500 + round(1000 / np.radians(580))]
     assert channels[3:] == [1500 + round(1500 / np.radians(180)), 2000, 1000, 1000, 1000]
-    assert channels_of(np.zeros(4), False, simulation)[2:5] == [1005, 1500, 1000]
+    assert channels_of(np.zeros(4), False, simulation)[2:5] == [1000, 1500, 1000]
     table = ThrustTable(throttles=(0.0, 0.5, 1.0), voltages=(14.0, 16.0), thrusts=((0.0, 1.0, 3.0), (0.0, 2.0, 4.0)))
     for voltage, throttle in ((14.0, 0.75), (16.0, 0.5), (15.0, 0.5 + 0.5 * 0.5 / 2.0), (99.0, 0.5)):
         channels = channels_of(np.array([8.0, 0.0, 0.0, 0.0]), True, simulation, table, voltage)

@@ -140,7 +140,9 @@ class Desk:
 class Autopilot(Protocol):
     """What turns the channels into actions of the desk."""
 
-    is_armed: bool
+    @property
+    def is_armed(self) -> bool:
+        """Whether the motors may turn."""
 
     def action(self, now: float, desk: Desk) -> Floats:
         """Return the action from a time on, shape (4,)."""

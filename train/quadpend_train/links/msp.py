@@ -61,8 +61,9 @@ def channels_of(
     thrust, (low, high) = command[:1], rotors_of(simulation.vehicle).thrust
     if table is not None:
         thrust = np.array([4.0 * (low + (high - low) * table.throttle(0.25 * float(thrust[0]), voltage))])
-    sticks = radio(thrust, command[np.newaxis, 1:], simulation)[0].tolist()
-    return [*sticks, _HIGH if is_armed else _LOW, *[_LOW] * 3]
+    roll, pitch, throttle, yaw = radio(thrust, command[np.newaxis, 1:], simulation)[0].tolist()
+    throttle = throttle if command[0] > 0.0 else _LOW  # the firmware arms only below `MIN_CHECK`
+    return [roll, pitch, throttle, yaw, _HIGH if is_armed else _LOW, *[_LOW] * 3]
 
 
 def command_of(channels: Sequence[int], simulation: Simulation) -> Floats:

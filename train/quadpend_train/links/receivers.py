@@ -41,7 +41,7 @@ class Receiver:
             if message.command == SET_RAW_RC and len(message.payload) >= 10:
                 channels = struct.unpack(f"<{len(message.payload) // 2}H", message.payload)
                 is_on = channels[4] > _SWITCHED_ON
-                self.is_armed = is_on and (self.is_armed or (not self._was_on and channels[2] <= MIN_CHECK))
+                self.is_armed = is_on and (self.is_armed or (not self._was_on and channels[2] < MIN_CHECK))
                 self._at, self._was_on, self.command = now, is_on, command_of(channels, self._simulation)
             payload = motors if message.command == MOTOR else b""
             replies += request(message.command, payload, b">")
@@ -105,7 +105,7 @@ class Firmware:
             folder = stack.enter_context(tempfile.TemporaryDirectory())
             shutil.copy(configured / "eeprom.bin", folder)
             quiet = subprocess.DEVNULL
-            process = subprocess.Popen([binary], cwd=folder, stdin=quiet, stdout=quiet, stderr=quiet)
+            self._process = process = subprocess.Popen([binary], cwd=folder, stdin=quiet, stdout=quiet, stderr=quiet)
             stack.callback(process.wait)
             stack.callback(process.kill)
             self._outputs, self._open = np.full(4, 1000.0), stack.pop_all()
@@ -116,6 +116,8 @@ class Firmware:
         while time.monotonic() < until:
             self._exchange(np.zeros(3))
             time.sleep(PERIOD)
+        if self._process.poll() is not None:
+            raise OSError(f"Betaflight has ended with {self._process.returncode}: is its port {MSP_PORT} in use?")
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
