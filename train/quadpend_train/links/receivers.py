@@ -1,12 +1,13 @@
 """What takes the channels on the desk: a receiver without firmware, or Betaflight's own process in real time."""
 
-import shutil
 import socket
 import struct
 import subprocess
 import tempfile
 import time
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from types import TracebackType
 
 import numpy as np
@@ -21,7 +22,7 @@ from quadpend_train.links.msp import MIN_CHECK, MOTOR, SET_RAW_RC, Reader, comma
 _PATIENCE = 0.06  # s without channels, after which the receiver disarms
 _SWITCHED_ON = 1700  # µs
 _STATE_PORT, _MOTORS_PORT, MSP_PORT = 9003, 9001, 5761  # of Betaflight's target SITL
-_START = 5.0  # s, until its gyro is calibrated
+_START, _STARTS = 4.0, 5  # s, until its gyro is calibrated, and how often it may begin
 # Channels act within 1 ms, not 10 ms; without them the motors stop as soon as the firmware can
 _LINES = ("set serial_update_rate_hz = 1000", "set failsafe_delay = 1", "set failsafe_procedure = DROP")
 
@@ -96,33 +97,50 @@ class Firmware:
     def __init__(self, simulation: Simulation) -> None:
         autopilot, vehicle = Betaflight(), simulation.vehicle
         autopilot.check(simulation, None)
-        binary, configured = prepare(autopilot.binary, (*cli_lines(autopilot, simulation), *_LINES))
+        self._binary, configured = prepare(autopilot.binary, (*cli_lines(autopilot, simulation), *_LINES))
+        self._configuration = (configured / "eeprom.bin").read_bytes()
         (self._low, self._high), self._hover = rotors_of(vehicle).thrust, hover_thrusts(vehicle)
-        with ExitStack() as stack:
-            self._socket = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            self._socket.bind(("127.0.0.1", _MOTORS_PORT))
-            self._socket.setblocking(False)
-            folder = stack.enter_context(tempfile.TemporaryDirectory())
-            shutil.copy(configured / "eeprom.bin", folder)
-            quiet = subprocess.DEVNULL
-            self._process = process = subprocess.Popen([binary], cwd=folder, stdin=quiet, stdout=quiet, stderr=quiet)
-            stack.callback(process.wait)
-            stack.callback(process.kill)
-            self._outputs, self._open = np.full(4, 1000.0), stack.pop_all()
+        self._outputs, self._open = np.full(4, 1000.0), ExitStack()
 
     def __enter__(self) -> "Firmware":
-        """Keep the vehicle still until the gyro is calibrated."""
-        until = time.monotonic() + _START
-        while time.monotonic() < until:
-            self._exchange(np.zeros(3))
-            time.sleep(PERIOD)
-        if self._process.poll() is not None:
-            raise OSError(f"Betaflight has ended with {self._process.returncode}: is its port {MSP_PORT} in use?")
-        return self
+        """Start the process. Its threads have a race, in which some starts end: try again."""
+        self._socket = self._open.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        self._socket.bind(("127.0.0.1", _MOTORS_PORT))
+        self._socket.setblocking(False)
+        for _ in range(_STARTS):
+            process = self._open.enter_context(self._process())
+            if self._answers():
+                return self
+            process.kill()
+        self._open.close()
+        raise OSError(f"Betaflight does not answer at its port {MSP_PORT}: is there another one?")
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """End the process."""
         self._open.close()
+
+    @contextmanager
+    def _process(self) -> Iterator[subprocess.Popen[bytes]]:
+        quiet = subprocess.DEVNULL
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "eeprom.bin").write_bytes(self._configuration)
+            process = subprocess.Popen([self._binary], cwd=folder, stdin=quiet, stdout=quiet, stderr=quiet)
+            try:
+                yield process
+            finally:
+                process.kill()
+                process.wait()
+
+    def _answers(self) -> bool:
+        """Keep the vehicle still until the gyro is calibrated; return whether the firmware answers then."""
+        until, reader = time.monotonic() + _START, Reader()
+        while time.monotonic() < until:
+            self._exchange(np.zeros(3))
+            time.sleep(PERIOD)
+        with suppress(OSError), socket.create_connection(("127.0.0.1", MSP_PORT), 1.0) as link:
+            link.sendall(request(MOTOR))
+            return bool(reader.read(link.recv(4096)))
+        return False
 
     @property
     def is_armed(self) -> bool:
