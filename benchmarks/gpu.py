@@ -34,6 +34,8 @@ SCENARIOS: dict[str, Any] = {
     "paper": as_scenario(None),
     "flight_training_wind": as_scenario("flight_training_wind"),
     "flight_training_late": as_scenario("flight_training_late"),
+    "event_training_jump": as_scenario("event_training_jump"),
+    "event_training_catch": as_scenario("event_training_catch"),
     "hummingbird": HUMMINGBIRD,
 }
 
@@ -108,10 +110,11 @@ def products(folder: str | None, rows: tuple[int, ...] = ROWS[2:5]) -> list[dict
         wind = 0.1 * torch.randn(12, n, device="cuda")
         parameters = torch.tensor(scenario.simulation.parameters.as_array(), dtype=torch.float32, device="cuda")
         p = parameters[:, None].repeat(1, n).contiguous()
+        none = x.new_empty(0)  # there is no drawn loop
         path, after, bar = x.new_empty(motion.sizes["substeps"], *x.shape), torch.empty_like(x), torch.randn_like(x)
         bar_x, bar_queue = torch.empty_like(x), torch.empty_like(queue)
-        forward = timed(partial(motion.library, "move_rows", n, x, queue, wind, p, path, after), 20)
-        arguments = path, after, queue, wind, p, bar, bar_x, bar_queue
+        forward = timed(partial(motion.library, "move_rows", n, x, queue, none, wind, p, none, path, after), 20)
+        arguments = path, after, queue, none, wind, p, none, bar, bar_x, bar_queue
         backward = timed(partial(motion.library, "move_rows_back", n, *arguments), 20)
         found.append({"rows": n, "motions": n / forward, "products": n / backward})
     return found
@@ -194,7 +197,7 @@ def main() -> None:
         args.out.write_text(f"{{\n{lines}\n}}\n".replace("NaN", "null"), encoding="utf-8")
 
     if "steps" in args.only:
-        for name in ("flight_training_wind", "paper", "flight_training_late"):
+        for name in list(SCENARIOS)[:-1]:
             measure(f"steps {name}", partial(steps, name, args.kernels))
     if "products" in args.only:
         measure("products", partial(products, args.kernels))

@@ -76,14 +76,14 @@ FN real uniform(u64 key, u64 index) {
 #endif
 }
 
-// GENERATED
-
 #define SOME(size) ((size) > 0 ? (size) : 1)
 #define LOAD(to, from, size) for (int f = 0; f < (size); ++f) (to)[f] = (from)[f * n + i]
 #define STORE(to, from, size) for (int f = 0; f < (size); ++f) (to)[f * n + i] = (from)[f]
 
-/* Write the action that acts in a substep: the newest of the queue that has arrived, and hover before the first. */
-FN void choose(const real *queue, const real *arrival, int substep, real *acting) {
+// GENERATED
+
+/* Return the place in the queue of the action that acts in a substep: the newest that has arrived. */
+FN int acting_slot(const real *arrival, int substep) {
   int slot = N_SLOTS - 1;
 #if N_DRAWN
   for (int j = 0; j < N_SLOTS; ++j) slot -= arrival[j] > (real)substep;
@@ -91,6 +91,11 @@ FN void choose(const real *queue, const real *arrival, int substep, real *acting
   slot -= N_DELAY > substep ? (N_DELAY - substep + N_SUBSTEPS - 1) / N_SUBSTEPS : 0;
   (void)arrival;
 #endif
+  return slot;
+}
+
+/* Write the action that acts in a substep, and hover before the first. */
+FN void choose(const real *queue, int slot, real *acting) {
   for (int c = 0; c < 4; ++c) {
     acting[c] = 0;
     for (int j = 0; j < N_SLOTS; ++j) acting[c] = j == slot ? queue[4 * j + c] : acting[c];
@@ -115,6 +120,30 @@ ROWS(reset_rows, const unsigned char *mask, const i64 *seed, i64 *episode, int *
   }
 }
 
+/* What a step draws for an action: `out` has the rows of the action after the actuators, when it acts (in substeps from
+   now), loop and wind. */
+ROWS(draw_rows, const real *action, i64 by_row, i64 by_column, const i64 *seed, const i64 *episode, const int *clock,
+     const real *memory, real *out) {
+  EACH_ROW {
+    real m[N_MEMORY], u[SOME(ACTUATE_DRAWS)], v[SOME(BLOW_DRAWS)], given[4], acted[4], late = 0, act[SOME(N_ACT)];
+    real loop[SOME(N_LOOP)], force[9], air[N_AIR], wind[SOME(N_WIND)], blown[N_BLOWN];
+    LOAD(m, memory, N_MEMORY);
+    u64 key = derive((u64)seed[i], (u64)episode[i]);
+    real time = (real)clock[i];
+    for (int c = 0; c < 4; ++c) given[c] = action[i * by_row + c * by_column];
+    actuate_draws(key, (u64)clock[i], m, u);
+    actuate(given, m, &time, u, acted, &late, act, loop);
+    for (int f = 0; f < N_LOOP; ++f) m[N_LOOP_AT + f] = loop[f];
+    if (N_ARRIVAL > 0) late = q_max(late, m[N_ARRIVAL_AT + SOME(N_ARRIVAL) - 1]);
+    blow_draws(key, (u64)clock[i], m, v);
+    blow(m, &time, v, force, air, wind, blown);
+    STORE(out, acted, 4);
+    STORE(out + 4 * n, &late, 1);
+    STORE(out + 5 * n, loop, N_LOOP);
+    STORE(out + (5 + N_LOOP) * n, blown, N_BLOWN);
+  }
+}
+
 /* `out` has the rows observation, reward and tracking error, `last` the last observation of an episode that ends,
    `ends` the rows terminated and truncated. */
 ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const i64 *seed, i64 *episode, int *clock,
@@ -123,7 +152,7 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
     real m[N_MEMORY], u[SOME(ACTUATE_DRAWS)], v[SOME(BLOW_DRAWS)], w[SOME(FINISH_DRAWS)], given[4], late;
     real queue[4 * N_SLOTS], arrival[N_SLOTS], acting[4], force[9], air[N_AIR], x[N_X], after[N_X];
     real act[SOME(N_ACT)], wind[SOME(N_WIND)], sense[SOME(N_SENSE)], jump[SOME(N_JUMP)], loop[SOME(N_LOOP)];
-    real observation[N_OBSERVATION], reward, ended, error[3];
+    real observation[N_OBSERVATION], reward, ended, error[3], blown[N_BLOWN];
     LOAD(m, memory, N_MEMORY);
     int now = clock[i];
     u64 key = derive((u64)seed[i], (u64)episode[i]);
@@ -142,11 +171,11 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
 #endif
     for (int c = 0; c < 4; ++c) queue[N_QUEUE + c] = rounded(queue[N_QUEUE + c]);
     blow_draws(key, (u64)now, m, v);
-    blow(m, &time, v, force, air, wind);
+    blow(m, &time, v, force, air, wind, blown);
     for (int f = 0; f < N_X; ++f) x[f] = m[f];
     ROLLED
     for (int k = 0; k < N_SUBSTEPS; ++k) {
-      choose(queue, arrival, k, acting);
+      choose(queue, acting_slot(arrival, k), acting);
       substep(m, x, acting, force, air, after);
       for (int f = 0; f < N_X; ++f) x[f] = after[f];
     }
@@ -176,20 +205,25 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
 }
 
 #else
-/* The motion alone. `path` gets x before each substep; `queue` has the actions under way and then the new one. */
-ROWS(move_rows, const real *x0, const real *queue0, const real *wind0, const real *p0, real *path, real *x1) {
+/* The motion alone. `path` gets x before each substep; `queue` has the actions under way and then the new one, `arrival`
+   when each acts, with a drawn loop. */
+ROWS(move_rows, const real *x0, const real *queue0, const real *arrival0, const real *wind0, const real *p0,
+     const real *loop0, real *path, real *x1) {
   EACH_ROW {
-    real x[N_X], after[N_X], queue[4 * N_SLOTS], wind[12], p[9], force[9], air[3], acting[4];
+    real x[N_X], after[N_X], queue[4 * N_SLOTS], arrival[N_SLOTS], wind[N_BLOWN], p[9], loop[SOME(N_LOOP)], force[9];
+    real air[N_AIR], acting[4];
     LOAD(x, x0, N_X);
     LOAD(queue, queue0, 4 * N_SLOTS);
-    LOAD(wind, wind0, 12);
+    LOAD(arrival, arrival0, N_DRAWN * N_SLOTS);
+    LOAD(wind, wind0, N_BLOWN);
     LOAD(p, p0, 9);
+    LOAD(loop, loop0, N_LOOP);
     drag(x, wind, p, force, air);
     ROLLED
     for (int k = 0; k < N_SUBSTEPS; ++k) {
       STORE(path + (i64)k * N_X * n, x, N_X);
-      choose(queue, queue, k, acting);
-      move(x, acting, force, air, p, after);
+      choose(queue, acting_slot(arrival, k), acting);
+      move(x, acting, force, air, p, loop, after);
       for (int f = 0; f < N_X; ++f) x[f] = after[f];
     }
     outputs(x, x + 6);
@@ -198,14 +232,16 @@ ROWS(move_rows, const real *x0, const real *queue0, const real *wind0, const rea
 }
 
 /* The product with the transposed Jacobian of `move_rows` with respect to x0 and the queue. */
-ROWS(move_rows_back, const real *path, const real *x1, const real *queue0, const real *wind0, const real *p0,
-     const real *bar1, real *bar0, real *bar_queue0) {
+ROWS(move_rows_back, const real *path, const real *x1, const real *queue0, const real *arrival0, const real *wind0,
+     const real *p0, const real *loop0, const real *bar1, real *bar0, real *bar_queue0) {
   EACH_ROW {
-    real x[N_X], queue[4 * N_SLOTS], wind[12], p[9], force[9], air[3], acting[4];
-    real bar[N_X], before[N_X], bar_acting[4], bar_force[9], total[9], bar_queue[4 * N_SLOTS];
+    real x[N_X], queue[4 * N_SLOTS], arrival[N_SLOTS], wind[N_BLOWN], p[9], loop[SOME(N_LOOP)], force[9], air[N_AIR];
+    real acting[4], bar[N_X], before[N_X], bar_acting[4], bar_force[9], total[9], bar_queue[4 * N_SLOTS];
     LOAD(queue, queue0, 4 * N_SLOTS);
-    LOAD(wind, wind0, 12);
+    LOAD(arrival, arrival0, N_DRAWN * N_SLOTS);
+    LOAD(wind, wind0, N_BLOWN);
     LOAD(p, p0, 9);
+    LOAD(loop, loop0, N_LOOP);
     LOAD(bar, bar1, N_X);
     for (int f = 0; f < 9; ++f) total[f] = 0;
     for (int f = 0; f < 4 * N_SLOTS; ++f) bar_queue[f] = 0;
@@ -216,10 +252,10 @@ ROWS(move_rows_back, const real *path, const real *x1, const real *queue0, const
     drag(x, wind, p, force, air);
     ROLLED
     for (int k = N_SUBSTEPS - 1; k >= 0; --k) {
-      int slot = N_SLOTS - 1 - (N_DELAY > k ? (N_DELAY - k + N_SUBSTEPS - 1) / N_SUBSTEPS : 0);
+      int slot = acting_slot(arrival, k);
       LOAD(x, path + (i64)k * N_X * n, N_X);
-      choose(queue, queue, k, acting);
-      move_back(x, acting, force, air, p, bar, before, bar_acting, bar_force);
+      choose(queue, slot, acting);
+      move_back(x, acting, force, air, p, loop, bar, before, bar_acting, bar_force);
       for (int f = 0; f < N_X; ++f) bar[f] = before[f];
       for (int f = 0; f < 9; ++f) total[f] += bar_force[f];
       for (int j = 0; j < N_SLOTS; ++j)

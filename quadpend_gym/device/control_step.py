@@ -66,6 +66,7 @@ from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENG
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 from quadpend_gym.wind.base import SAMPLE_SIZE, can_hold
 
+_SOURCE = Path(__file__).with_suffix(".c")
 _NOUNS = {"act": "actuator", "wind": "wind", "sense": "sensor"}
 
 
@@ -178,6 +179,25 @@ def control_step(scenario: Scenario) -> ControlStep:
     return _Generator(scenario).generate()
 
 
+def rows_of(*functions: Any) -> str:
+    """Return C source for `Library` that calls functions of CasADi, which must not share names, for n rows.
+
+    It has ``NAME_rows`` for each function, with its arguments and then its results of shape (size, n).
+    """
+    text = _SOURCE.read_text(encoding="utf-8").partition("// GENERATED")[0]
+    for function in functions:
+        arguments = {function.name_in(i): function.numel_in(i) for i in range(function.n_in())}
+        results = {function.name_out(i): function.numel_out(i) for i in range(function.n_out())}
+        given = [f"const real *{name}_0" for name in arguments] + [f"real *{name}_1" for name in results]
+        buffers = ", ".join(f"{name}[SOME({size})]" for name, size in {**arguments, **results}.items())
+        text += scalar_c(function).replace("static void", "FN void")
+        text += f"ROWS({function.name()}_rows, {', '.join(given)}) {{\n  EACH_ROW {{\n    real {buffers};\n"
+        text += "".join(f"    LOAD({name}, {name}_0, {size});\n" for name, size in arguments.items())
+        text += f"    {function.name()}({', '.join([*arguments, *results])});\n"
+        text += "".join(f"    STORE({name}_1, {name}, {size});\n" for name, size in results.items()) + "  }\n}\n"
+    return text
+
+
 class _Generator:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self.simulation, self.task = scenario, scenario.simulation, scenario.task
@@ -216,6 +236,7 @@ class _Generator:
             "memory": ends[-1],
             "observation": scenario.observation.size,
             "air": air,
+            "blown": SAMPLE_SIZE if self.holds else WIND_SIZE,
         }
         self.parts = {name: slice(*pair) for name, pair in zip(sizes, pairwise(ends), strict=True)}
         self._symbols: Any = ca.SX.sym("m", ends[-1])
@@ -248,8 +269,7 @@ class _Generator:
         text += self._c("substep", None, {"m": memory, **arguments}, next_x=following)
         draws = self._draws(clock)
         text += self._c("finish", draws, {"x": x, "issued": issued, **given}, **self._finish(draws, x, issued))
-        if self.loop is None and not self.holds:
-            text += f"#ifdef MOTION\n{self._derivatives(arguments)}#endif\n"
+        text += f"#ifdef MOTION\n{self._derivatives(arguments)}#endif\n"
         sizes = self.sizes | {
             "substeps": self.simulation.substeps,
             "delay": self.simulation.delayed_substeps,
@@ -257,7 +277,7 @@ class _Generator:
             **{f"{name}_at": part.start for name, part in self.parts.items()},
         }
         defines = "".join(f"#define N_{name.upper()} {size}\n" for name, size in sizes.items())
-        source = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
+        source = _SOURCE.read_text(encoding="utf-8")
         return ControlStep(source.replace("// GENERATED\n", defines + text), sizes)
 
     def _c(self, name: str, draws: _Draws | None, arguments: dict[str, Any], **results: Any) -> str:
@@ -377,20 +397,20 @@ class _Generator:
         return ca.if_else(draws.clock >= step[0], ca.vertcat(*after, latency[0]), loop)
 
     def _blow(self, draws: _Draws) -> dict[str, Any]:
-        """Return forces and torque with drag, the velocity of the air and a hand, and the memory of the wind."""
-        wind, step = rows([0.0] * (SAMPLE_SIZE if self.holds else WIND_SIZE)), self._step(draws.clock)
+        """Return forces and torque with drag, the velocity of the air and a hand, the wind's memory, and its sample."""
+        wind, step = rows([0.0] * self.sizes["blown"]), self._step(draws.clock)
         period = self.simulation.period
         memory = self._apply(draws, "wind", lambda model, *own: model.sample(wind, own[0], step, period, own[1]))
         whole = ca.SX(vector(wind))
         force, air = self.drag(self._part("x"), whole, self._part("parameters"))
-        return {"force": force, "air": ca.vertcat(air, whole[WIND_SIZE:]), "wind": ca.vertcat(*memory)}
+        return {"force": force, "air": air, "wind": ca.vertcat(*memory), "blown": whole}
 
     def drag(self, x: Any, wind: Any, parameters: Any) -> tuple[Any, Any]:
-        """Return forces and torque with drag, which are constant during a control period, and the air's velocity."""
+        """Return forces and torque with drag, constant during a control period, and the air's velocity and a hand."""
         force, air = columns(wind[:DISTURBANCE_SIZE]), columns(wind[WIND_FIELDS["velocity"]])
         if self.plant.memory_size or self.moves_air:
             lift(add_drag)(lift(load)(air, 0, 0), columns(x), columns(parameters), 0, force)
-        return vector(force), vector(air)
+        return vector(force), ca.vertcat(vector(air), wind[WIND_SIZE:])
 
     def substep(self, x: Any, acting: Any, force: Any, air: Any, parameters: Any, loop: Any = None) -> Any:
         """Return x after a substep under the action that acts in it."""
@@ -462,13 +482,16 @@ class _Generator:
 
     def _derivatives(self, arguments: dict[str, Any]) -> str:
         """Return the parts of a control step and their products with the transposed Jacobians, of any parameters."""
-        p, wind = ca.SX.sym("p", PARAMETERS_SIZE), ca.SX.sym("wind", WIND_SIZE)
+        p, wind, loop = (
+            ca.SX.sym(*pair)
+            for pair in (("p", PARAMETERS_SIZE), ("wind", self.sizes["blown"]), ("loop", self.sizes["loop"]))
+        )
         x = arguments["x"]
         force, air = self.drag(x, wind, p)
-        move = self.substep(x, arguments["acting"], arguments["force"], arguments["air"], p)
+        move = self.substep(x, arguments["acting"], arguments["force"], arguments["air"], p, loop)
         functions = [
             ("drag", {"x": x, "wind": wind, "p": p}, {"force": force, "air": air}, ["x"]),
-            ("move", {**arguments, "p": p}, {"x": move}, ["x", "acting", "force"]),
+            ("move", {**arguments, "p": p, "loop": loop}, {"x": move}, ["x", "acting", "force"]),
             ("outputs", {"x": x}, {"euler": self.outputs(x)}, ["x"]),
         ]
         text = ""

@@ -23,7 +23,6 @@ from quadpend_gym.envs.spaces import action_space, observation_space
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 from quadpend_gym.scenarios.library import as_scenario
 from quadpend_gym.scenarios.scenario import Scenario, scenario_data
-from quadpend_gym.wind.base import can_hold
 
 Tensor = torch.Tensor
 
@@ -173,6 +172,23 @@ class QuadPendulumDeviceEnv(VectorEnv[Any, Any, Any]):
         }
         return out[: self._size].T, out[self._size], terminated, truncated, info
 
+    def drawn(self, actions: Tensor) -> dict[str, Tensor]:
+        """Return what the next step draws if it takes these actions, as `Motion` takes it.
+
+        The tensors are views of shape (size, num_envs): ``action`` (4), what the actuators make of it; ``arrival`` (1),
+        when it acts, in substeps from now, 0 without a drawn loop; ``loop``; ``wind`` (12, or 16 with a hand).
+        """
+        parts = {"action": ACTION_SIZE, "arrival": 1, "loop": self.sizes["loop"], "wind": self.sizes["blown"]}
+        out = torch.empty(sum(parts.values()), self.num_envs, dtype=self.dtype, device=self.device)
+        strides = map(ctypes.c_longlong, actions.stride())
+        self._run("draw_rows", actions, *strides, self.keys, self._episode, self.clock, self._memory, out)
+        return dict(zip(parts, torch.split(out, list(parts.values())), strict=True))
+
+    def part(self, name: str) -> Tensor:
+        """Return a part of the memory, a view of shape (size, num_envs), see `control_step`."""
+        first = self.sizes[f"{name}_at"]
+        return self._memory[first : first + self.sizes[name]]
+
     def _run(self, name: str, *arguments: Any) -> None:
         self.library(name, self.num_envs, *arguments)
 
@@ -189,10 +205,12 @@ class Motion:
     A call returns x and the actions under way at the end of the control step. PyTorch differentiates both with respect
     to x, the actions under way and the action; the states between the substeps are stored for it. The arguments have
     the shape (size, n): x, state and memory of the vehicle (18, or 29 of rigid vehicles, see
-    `quadpend_gym.engines.functions`); the actions under way, the oldest first; action (4); wind (12); parameters (9).
+    `quadpend_gym.engines.functions`); the actions under way, the oldest first; action (4); wind (12, or 16 of a wind
+    that can hold the pole); parameters (9). Where the scenario draws the loop, further arguments are the loop (11) and
+    when each action acts, the new one last, in substeps from now; `QuadPendulumDeviceEnv.drawn` returns both.
 
     Args:
-        scenario: As in `QuadPendulumEnv`; its loop must not be drawn, and no hand holds the pole.
+        scenario: As in `QuadPendulumEnv`.
         device: As in `QuadPendulumDeviceEnv`, like `dtype` and `kernel`.
         parts: Fields of the scenario.
     """
@@ -201,38 +219,48 @@ class Motion:
         self, scenario: Any = None, device: str = "cuda", dtype: str = "float32", kernel: Any = None, **parts: Any
     ) -> None:
         self.scenario = as_scenario(scenario, **parts)
-        if self.scenario.loop is not None:
-            raise ValueError("Motion has no drawn loop: leave `loop` out of the scenario")
-        if can_hold(self.scenario.wind_models):
-            raise ValueError("Motion has no hand: leave the wind 'hold' out of the scenario")
         made = Kernel.of(self.scenario, kernel)
         self.sizes, self.library = made.sizes, Library(made.source, device, _dtype(dtype), motion=True)
 
     def __call__(
-        self, x: Tensor, under_way: Tensor, action: Tensor, wind: Tensor, parameters: Tensor
+        self,
+        x: Tensor,
+        under_way: Tensor,
+        action: Tensor,
+        wind: Tensor,
+        parameters: Tensor,
+        loop: Tensor | None = None,
+        arrival: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Return x and the actions under way after the control step."""
+        if (loop is None or arrival is None) and self.sizes["drawn"]:
+            raise ValueError(
+                "the scenario draws the loop: give Motion loop and arrival, see QuadPendulumDeviceEnv.drawn"
+            )
         queue = torch.cat([under_way, action])
+        none = x.new_empty(0)
+        given = (wind, parameters, none if loop is None else loop, none if arrival is None else arrival)
         after: Tensor = _Motion.apply(  # type: ignore[no-untyped-call]
-            self, x.contiguous(), queue, wind.contiguous(), parameters.contiguous()
+            self, x.contiguous(), queue, *(item.contiguous() for item in given)
         )
         return after, queue[ACTION_SIZE:]
 
 
 class _Motion(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, motion: Motion, x: Tensor, queue: Tensor, wind: Tensor, parameters: Tensor) -> Tensor:
+    def forward(
+        ctx: Any, motion: Motion, x: Tensor, queue: Tensor, wind: Tensor, p: Tensor, loop: Tensor, arrival: Tensor
+    ) -> Tensor:
         rows, path = x.shape[1], x.new_empty(motion.sizes["substeps"], *x.shape)
         after = torch.empty_like(x)
-        motion.library("move_rows", rows, x, queue, wind, parameters, path, after)
+        motion.library("move_rows", rows, x, queue, arrival, wind, p, loop, path, after)
         ctx.motion = motion
-        ctx.save_for_backward(path, after, queue, wind, parameters)
+        ctx.save_for_backward(path, after, queue, arrival, wind, p, loop)
         return after
 
     @staticmethod
     def backward(ctx: Any, *bars: Tensor) -> Any:
-        path, after, queue, wind, parameters = ctx.saved_tensors
+        path, after, queue, *given = ctx.saved_tensors
         bar, bar_x, bar_queue = bars[0].contiguous(), torch.empty_like(path[0]), torch.empty_like(queue)
-        arguments = path, after, queue, wind, parameters, bar, bar_x, bar_queue
-        ctx.motion.library("move_rows_back", bar.shape[1], *arguments)
-        return None, bar_x, bar_queue, None, None
+        ctx.motion.library("move_rows_back", bar.shape[1], path, after, queue, *given, bar, bar_x, bar_queue)
+        return None, bar_x, bar_queue, None, None, None, None

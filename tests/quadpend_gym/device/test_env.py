@@ -138,6 +138,26 @@ def test_derivatives_are_those_of_the_step_function(name: str) -> None:
     np.testing.assert_allclose(gradient, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("name", ["paper, drawn loop", "events"])
+def test_the_motion_is_that_of_the_environment_for_what_it_draws(name: str) -> None:
+    """Also with a drawn loop, its jitter and changes, and a hand."""
+    env = QuadPendulumDeviceEnv(20, OWN[name], device="c", dtype="float64", max_episode_steps=LIMIT)
+    motion, random = Motion(OWN[name], device="c", dtype="float64"), torch.Generator().manual_seed(0)
+    env.reset(seed=3)
+    for _ in range(2 * LIMIT):
+        action = torch.rand(20, 4, generator=random).double() - 0.5
+        drawn, parts = env.drawn(action), [env.part(part).clone() for part in ("x", "queue", "parameters")]
+        arrival, newest = torch.cat([env.part("arrival"), drawn["arrival"]]), drawn["action"].float().double()
+        given = parts[0], parts[1], newest, drawn["wind"], parts[2], drawn["loop"], arrival
+        after, under_way = motion(*given)
+        *_, terminated, truncated, _ = env.step(action)
+        going = ~(terminated | truncated)
+        np.testing.assert_allclose(after[:, going], env.part("x")[:, going], rtol=0.0, atol=1e-12)
+        np.testing.assert_array_equal(under_way[:, going], env.part("queue")[:, going])
+    with pytest.raises(ValueError, match="the scenario draws the loop: give Motion loop and arrival"):
+        motion(*given[:5])
+
+
 def test_single_precision_flies_like_double_precision() -> None:
     found = []
     for dtype in ("float32", "float64"):
