@@ -8,7 +8,7 @@ a ∈ [−1, 1]⁴ in different ways, with the action scale κ:
 |------------------|--------------------------------------------------------------------------------------------------|
 | `EstimateOnly`   | (1)  a                                                                                           |
 | `MemoryOnly`     | (1)  a; the base controller does not fly: it is the teacher                                      |
-| `LabOnly`        | (1)  a, likewise                                                                                 |
+| `LabOnly`        | (3)  clip(a_d + a, −1, 1) with the action a_d that follows the reference; likewise               |
 | `HistoryOnly`    | (1)  a; there is no base controller                                                              |
 | `ResidualAction` | (2)  clip(a_base + κ a, −1, 1)                                                                   |
 
@@ -43,7 +43,7 @@ from quadpend_baselines.estimation.measurement import errors_of
 from quadpend_baselines.hybrid.deviations import deviation_part
 from quadpend_baselines.hybrid.history import history_part
 from quadpend_baselines.hybrid.innovations import innovations_part
-from quadpend_baselines.hybrid.lab import lab_part
+from quadpend_baselines.hybrid.lab import FOLLOWING, lab_part
 from quadpend_baselines.hybrid.memory import memory_part
 from quadpend_baselines.hybrid.parts import (
     InputPart,
@@ -72,7 +72,7 @@ class HybridMemory(NamedTuple):
     """The state of a hybrid between two calls, for n rows."""
 
     controller: Any  # memory of the base controller
-    base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
+    base_action: Floats32  # the action on which the policy builds, (n, 4), see `Hybrid.builds_on`
     inputs: Floats  # memories of the parts of the inputs, see `parts.read_inputs`
     action: Floats32  # the last applied action, (n, 4); zeros at the start of an episode
 
@@ -142,8 +142,16 @@ class Hybrid:
             own, action = np.where(started, 0.0, memory.inputs), np.where(started, np.float32(0.0), memory.action)
         base_action, updated = self._first_action(updated, rows)
         seen = Seen(errors, action, base_action, *base.estimates(updated))
-        inputs, own = read_inputs(parts, seen, own)
-        return inputs.astype(np.float32), HybridMemory(updated, base_action, own, action)
+        found, own = read_inputs(parts, seen, own)
+        inputs = found.astype(np.float32)
+        return inputs, HybridMemory(updated, self.builds_on(inputs, base_action), own, action)
+
+    def builds_on(self, inputs: Any, base_action: Any) -> Any:
+        """Return the action on which the policy builds, from its observation and that of an acting base controller.
+
+        It has zeros where the policy acts alone.
+        """
+        return base_action
 
     def _first_action(self, updated: Any, rows: int) -> tuple[Floats32, Any]:
         """Return the action of the base controller if it acts before the policy, else zeros, and its memory."""
@@ -283,7 +291,7 @@ class MemoryOnly(Hybrid):
 
 @settings
 class LabOnly(MemoryOnly):
-    """Hybrid whose policy acts alone, equation (1), on the observation `LAB` and a memory of it, see `lab`."""
+    """Hybrid whose policy acts on the observation `LAB` and a memory of it, see `lab`, equation (3)."""
 
     kind: ClassVar[str] = "lab_only"
     reads = "lab"
@@ -299,6 +307,14 @@ class LabOnly(MemoryOnly):
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
         return (lab_part(self.controller.simulation),)
+
+    def builds_on(self, inputs: Any, base_action: Any) -> Any:
+        """Return the action that follows the reference; see `Hybrid.builds_on`."""
+        return inputs[:, FOLLOWING]
+
+    def _applied(self, action: Floats32, base_action: Floats32) -> Floats32:
+        applied: Floats32 = np.clip(base_action + action, -1.0, 1.0)
+        return applied
 
 
 @settings

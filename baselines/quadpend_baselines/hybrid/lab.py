@@ -54,6 +54,7 @@ _OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0])  # scales
 _MEASURED, _SIZE = 8, len(_SCALE)
 _FILTERED = _SIZE * len(_TIMES)
 _LAG, _FOLLOWING = _SIZE, _SIZE + _FILTERED  # places in the inputs
+FOLLOWING = slice(_FOLLOWING, _FOLLOWING + ACTION_SIZE)  # a_d, to which the policy's action is added
 _MOTION = _FOLLOWING + ACTION_SIZE
 _GAP = _MOTION + len(_OF_REFERENCE)
 LAB_SIZE = _GAP + 3

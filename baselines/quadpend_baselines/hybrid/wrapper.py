@@ -82,6 +82,13 @@ class VectorHybridWrapper(VectorWrapper):
             self._asked = self.hybrid.base_action(self.memory)
         return self._asked[0]
 
+    @property
+    def built_on(self) -> Floats32:
+        """Actions to which the policy's actions are added, shape (num_envs, 4), see `Hybrid.builds_on`."""
+        if self.memory is None:
+            raise ResetNeeded("reset must be called before built_on")
+        return self.memory.base_action
+
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
         """Begin an episode and reset the base controller in every sub-environment that is reset."""
         mask = (options or {}).get("reset_mask")  # before the reset, which may remove it from the options

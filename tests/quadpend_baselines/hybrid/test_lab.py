@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from quadpend_baselines.hybrid import LabOnly, VectorHybridWrapper
+from quadpend_baselines.hybrid.lab import FOLLOWING
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.tasks.observation import LAB
 
@@ -65,6 +66,15 @@ def test_samples_that_repeat_or_lie_far_away_are_not_taken(flown: Any) -> None:
         np.testing.assert_allclose(seen[7, :, SINCE], 0.03 / 0.05, rtol=1e-6)
         np.testing.assert_allclose(seen[8, :, :8], expected[8, :, :8], rtol=1e-6)
         np.testing.assert_allclose(seen[8, :, LAGS], expected[8, :, LAGS], atol=0.1 * np.abs(expected[8]).max())
+
+
+def test_the_action_that_follows_the_reference_is_added(flown: Any) -> None:
+    hybrid = LabOnly().flown_in(SCENARIO.simulation)
+    seen, memory = hybrid.observe(flown[0], None, np.ones(1, np.bool_))
+    assert np.abs(seen[:, FOLLOWING]).max() > 1e-3
+    for action in (0.0, 0.25, 1.0):
+        applied, _ = hybrid.act(np.full((1, 4), action, np.float32), memory)
+        np.testing.assert_array_equal(applied, np.clip(seen[:, FOLLOWING] + np.float32(action), -1.0, 1.0))
 
 
 def test_the_environment_must_have_positions() -> None:

@@ -241,6 +241,8 @@ def _with_network(
             base_action, law_memory = base.control(after, law_memory)
         given = action, base_action, vector(base.seen(row(memory))), base.seen(after)
         seen, own = seen_by(parts, read[columns_read], *given, own)
+        if hybrid is not None:
+            base_action = vector(hybrid.builds_on(row(seen), row(base_action)))
         return {"seen": seen, "next_extra": ca.vertcat(own, law_memory, base_action)}
 
     def law(memory: Any, later: Any, extra: Any, output: Any) -> dict[str, Any]:

@@ -84,13 +84,14 @@ class APG(OnPolicyAlgorithm):
         """Fly a window and compute its cost, equations (1) to (5)."""
         callback.on_rollout_start()
         self._restart_rows(env)
-        everything = worlds(env.env)
+        everything, hybrid = worlds(env.env), self._flights.hybrid
         flight = torch.as_tensor(self._after_step(everything, self._flight, np.asarray(self._last_episode_starts)))
         observation, (believed, sensing) = torch.as_tensor(self._last_obs), self._flights.beliefs()
         belief, scored = torch.as_tensor(believed), np.zeros(env.num_envs)
         self._falls, costs, settled = 0, torch.zeros(env.num_envs, 2, dtype=torch.float64), []
         for _ in range(self.apg.window):
             action = self._mean_action(observation)
+            applied = action if hybrid is None else action + hybrid.builds_on(observation, 0.0)
             time = everything[0].simulation.period * (1.0 + _gather(everything, "clock"))
             reference = _gather(everything, "reference")
             is_scored = time > self._unscored
@@ -108,14 +109,14 @@ class APG(OnPolicyAlgorithm):
             jumped = np.where(ended[:, np.newaxis], reference, _gather(everything, "reference"))
             point = reference_points(self._scenarios, jumped, time)
             constants = wind, parameters, self._flights.drawn(everything, before), point, self._flights.weights
-            after, step_costs = self._flights.step(flight.detach().numpy(), action.detach().numpy(), *constants)
+            after, step_costs = self._flights.step(flight.detach().numpy(), applied.detach().numpy(), *constants)
             noise = _gather(everything, "measured") - self._flights.delayed(flight.detach().numpy(), after)
             noise[ended] = 0.0
             after = self._after_step(everything, after, ended)
             given = self._flights, constants, sensing, noise, ended
             believed, sensing = self._flights.beliefs()
             values = after, step_costs, believed, self._last_obs
-            results = Step.apply(flight, belief, action, given, values)  # type: ignore[no-untyped-call]
+            results = Step.apply(flight, belief, applied, given, values)  # type: ignore[no-untyped-call]
             flight, added, belief, observation = results
             costs = costs + added
             settled.append(added[:, 0] * torch.as_tensor(is_scored))

@@ -245,6 +245,7 @@ class Flights:
         # Neighbouring scenarios of one kind share their calls
         share, self._limit = rows // len(scenarios), apg.max_state_gradient / (apg.window * rows)
         hybrids: list[Any] = [item.hybrid for item in wrappers for _ in worlds(item)] or [None] * len(scenarios)
+        self.hybrid = hybrids[0]
         self._kinds = kinds = [Kind.of(*pair, size) for pair in zip(scenarios, hybrids, strict=True)]
         self._parts = [
             (rows, kind, *compiled_steps(kind))
