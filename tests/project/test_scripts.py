@@ -6,8 +6,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
+from quadpend_train.policies.loading import load_policy
 from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 
@@ -37,6 +40,42 @@ def test_the_script_for_a_gpu_trains_on_the_processor(run_script: Run, tmp_path:
     arguments = "--device", "c", "--num-envs", "32", "--num-steps", "16", "--minibatches", "2", "--seconds", "1"
     assert "survival" in run_script("train/ppo_gpu.py", *arguments)
     assert (tmp_path / "ppo_gpu.pt").is_file()
+
+
+@pytest.mark.extras
+def test_the_script_for_measurements_alone_trains_on_the_processor(run_script: Run, tmp_path: Path) -> None:
+    scenarios = "--scenarios", "wind", "pole 0.8", "catch"
+    sizes = "--seeds", "2", "--rows", "2", "--imitation", "2", "--gradients", "1"
+    out = run_script("train/lab_gpu.py", "--device", "c", "--out", str(tmp_path / "lab"), *scenarios, *sizes)
+    assert "improve 1" in out
+    policies = [load_policy(str(tmp_path / "lab" / f"lab-{seed}.npz")) for seed in range(2)]
+    assert not np.array_equal(*(policy.layers[0][0] for policy in policies))
+
+
+@pytest.mark.extras
+def test_its_gradient_is_a_finite_difference(tmp_path: Path) -> None:
+    """Of the cost of a window of two networks, with respect to a bias of each, from the same flight."""
+    script = runpy.run_path(str(ROOT / "train/lab_gpu.py"))
+    arguments = "--device", "c", "--kernels", str(tmp_path), "--seeds", "2", "--rows", "3"
+    trainer = script["Trainer"](script["parse"]([*arguments, "--scenarios", "wind", "late"]))
+    script["Trainer"].improve.__globals__.update(WINDOW=20, RESTARTED=0.0)
+    flight, bias, gradient = trainer.flight, trainer.networks.biases[2], []
+    trainer.noise.zero_()
+    for _ in range(15):  # the teacher flies
+        trainer.imitate()
+    flown = flight.seen, flight.action, flight.memory, *(x for e in flight.envs for x in (e._memory, e.clock))
+    before, losses = [item.clone() for item in flown], []
+    trainer.descend = lambda loss: losses.append(loss) or (torch.autograd.backward(loss.sum()))
+    for shift in (0.0, 1e-3, -1e-3):
+        for item, value in zip(flown, before, strict=True):
+            item.copy_(value)
+        bias.data[:, 0, 1] += shift
+        bias.grad = None
+        trainer.improve()
+        gradient.append(bias.grad[:, 0, 1])
+        bias.data[:, 0, 1] -= shift
+    slope = (losses[1] - losses[2]).detach() / 2e-3
+    np.testing.assert_allclose(gradient[0], slope, rtol=0.03, atol=0.02 * slope.abs().max())
 
 
 def test_the_loop_in_the_manner_of_cleanrl_trains(run_script: Run) -> None:
