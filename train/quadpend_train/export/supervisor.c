@@ -1,6 +1,5 @@
 
 /* The supervisor; see @name@.h */
-#include <string.h>
 
 #define KILLS (~(uint32_t)(@name@_AGE - 1))
 #define LAG R(6)       /* 1/s, of each of six first-order lags in series, which filter the input of the profile */
@@ -43,7 +42,7 @@ static void tracked_point(const @name@_supervisor *s, real *point) {
 void @name@_supervisor_reset(@name@_supervisor *s) {
   static const @name@_limits limits = @name@_LIMITS;
   static const real pole[2] = @name@_POLE;
-  memset(s, 0, sizeof *s);
+  *s = (@name@_supervisor){0};
   s->limits = limits;
   copy(2, pole, s->reference.pole);
 }
@@ -214,7 +213,7 @@ static void initialise(@name@_supervisor *s, const @name@_reference *wanted) {
   s->reference.yaw[1] = s->reference.yaw[2] = 0;
   if (wanted && is_possible(wanted)) s->reference = *wanted;
   begin_profile(s, &s->reference);
-  memset(s->means, 0, sizeof s->means);
+  for (int i = 0; i < 9; ++i) s->means[i / 3][i % 3] = 0;
   s->innovation = s->saturated = 0;
   @name@_reset(&s->policy);
 }
