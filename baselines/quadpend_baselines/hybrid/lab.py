@@ -9,17 +9,19 @@ with x as a line between two samples, are
 
     (1)  |p − p⁻| < 0.03 m + 3 m/s · g                     ⁻: at the last sample
     (2)  L = e^{−g/τ} L⁻ + (1 − e^{−g/τ}) τ/g (x − x⁻),    τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   L = 0 at the start
+    (3)  N = e^{−g/τ} N⁻ + (1 − e^{−g/τ}) L,               the first three τ;                  N = 0 at the start
 
-L is about τ ẋ where x changes slowly. From it a network can infer velocities, the response to its actions, mean wind
-and biases.
+L is about τ ẋ where x changes slowly. From L and N a network can infer velocities, the response to its actions, mean
+wind and biases.
 
 | part                                                                                     | size | scale              |
 |------------------------------------------------------------------------------------------|------|--------------------|
 | m: tracking error (m); r_x r_y and φ θ less those of the trajectory; ψ_e (rad)           | 8    | 0.05 m, 0.05, 0.1  |
 | a_{k−1} − a_d; g is T for it                                                             | 4    | 0.2                |
-| L for each τ                                                                             | 60   | as m and action    |
+| L for each τ, then N                                                                     | 96   | as m and action    |
 | a_d                                                                                      | 4    | 1                  |
 | acceleration of the reference in the axes of the heading, and the rate of its yaw        | 4    | 2 m/s², 1 rad/s    |
+| velocity of the reference in these axes                                                  | 3    | 2 m/s              |
 | time since the last sample                                                               | 1    | 0.05 s             |
 | believed length and mass of the pole                                                     | 2    | of the observation |
 """
@@ -47,18 +49,20 @@ from quadpend_gym.physics.vectors import Vec3, axpy, multiply, store, store_four
 from quadpend_gym.tasks.observation import LAB
 
 _TIMES = np.array([0.02, 0.06, 0.2, 0.6, 2.0])  # τ, s
+_TWICE = 3  # of them have N, too
 _FAR, _SPEED = 0.03, 3.0  # of (1), m and m/s
 _SAME = 1e-6  # a sample that differs by less repeats the one before
 _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
-_OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0])  # scales
+_OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0])  # scales
 _MEASURED, _SIZE = 8, len(_SCALE)
-_FILTERED = _SIZE * len(_TIMES)
+_LAGS = _SIZE * len(_TIMES)
+_FILTERED = _LAGS + _SIZE * _TWICE
 _LAG, _FOLLOWING = _SIZE, _SIZE + _FILTERED  # places in the inputs
 FOLLOWING = slice(_FOLLOWING, _FOLLOWING + ACTION_SIZE)  # a_d, to which the policy's action is added
 _MOTION = _FOLLOWING + ACTION_SIZE
-_GAP = _MOTION + len(_OF_REFERENCE)
+_GAP = _MOTION + 7
 LAB_SIZE = _GAP + 3
-# Memory: x, L, the last sample's position and direction, the time since, and 1 after the first step of an episode
+# Memory: x, L, N, the last sample's position and direction, the time since, and 1 after the first step of an episode
 _SAMPLE = _SIZE + _FILTERED
 _SINCE, _BEGUN = _SAMPLE + 6, _SAMPLE + 7
 REMEMBERED_SIZE = _BEGUN + 1
@@ -84,10 +88,11 @@ def _deviations(
             store_four(desired.T, ROTOR_THRUST, row, multiply(rigid.rotors.unmixing, wanted))
         tracking = axpy(p.rod_length, Vec3(error.direction.x, error.direction.y, 0.0), error.position)
         sine, cosine = sincos(state.euler.z)
-        acceleration = turn3(reference.d2, -sine, cosine)
+        acceleration, velocity = turn3(reference.d2, -sine, cosine), turn3(reference.d1, -sine, cosine)
         for i in range(3):
             out[row, i], out[row, 5 + i] = tracking[i] / _SCALE[i], error.euler[i] / _SCALE[5 + i]
             out[row, _MOTION + i] = acceleration[i] / _OF_REFERENCE[i]
+            out[row, _MOTION + 4 + i] = velocity[i] / _OF_REFERENCE[4]
         for i in range(2):
             out[row, 3 + i] = error.direction[i] / _SCALE[3 + i]
             out[row, _GAP + 1 + i] = seen[row, _POLE + i]
@@ -98,7 +103,7 @@ def _deviations(
 def _filter(
     measured: Floats, action: Floats, following: Floats32, period: float, last: Floats, out: Floats, now: Floats
 ) -> None:
-    """Write the other inputs and the next memory, equations (1) and (2)."""
+    """Write the other inputs and the next memory, equations (1) to (3)."""
     for row in range(out.shape[0]):
         begun, gap = last[row, _BEGUN], last[row, _SINCE] + period
         changed = distance = 0.0
@@ -129,6 +134,11 @@ def _filter(
                 lag = left * last[row, place] + (1.0 - left) * ratio * change
                 now[row, place] = select(taken > 0.5, lag, last[row, place])
                 out[row, _LAG + _SIZE * j + i] = now[row, place]
+                if j < _TWICE:
+                    again = place + _LAGS
+                    twice = left * last[row, again] + (1.0 - left) * now[row, place]
+                    now[row, again] = select(taken > 0.5, twice, last[row, again])
+                    out[row, _LAG + _LAGS + _SIZE * j + i] = now[row, again]
 
 
 def _lab(simulation: Simulation, seen: Seen, memory: Any) -> tuple[Any, Any]:

@@ -13,11 +13,11 @@ from quadpend_gym.tasks.observation import LAB
 
 SCENARIO = replace(find_scenario("flight_training_motion"), sensors=())
 POSITION, DIRECTION, ORIENTATION = (LAB.columns[name] for name in ("position", "direction", "quaternion"))
-LAGS, SINCE = slice(12, 72), 80
+LAGS, SINCE = slice(12, 108), 119
 
 
 def seen_in(observations: Any) -> Any:
-    """Return the inputs for observations in turn, shape (steps, n, 83), while zero actions are applied."""
+    """Return the inputs for observations in turn, shape (steps, n, 122), while zero actions are applied."""
     hybrid, memory, out = LabOnly().flown_in(SCENARIO.simulation), None, []
     for step, observation in enumerate(observations):
         seen, memory = hybrid.observe(observation, memory, np.full(len(observation), step == 0))
