@@ -115,15 +115,24 @@ RIGID: dict[str, Parts] = {
     "crazyflie, rotors": {"wind": "breeze", "vehicle": "crazyflie", "interface": "rotors"},
     "x500, wrench": {"wind": "windy", "vehicle": "x500", "interface": "wrench"},
 }
+LOAD: dict[str, Parts] = {
+    "load, windy": {"task": "load", "wind": "windy"},
+    "load, upset": {
+        "task": {"pendulum": "hanging", "start": {"pendulum_angle": (0.3, 0.8)}},
+        "period": 0.04,
+        "substeps": 8,
+    },
+}
 SWING_UP: dict[str, Parts] = {
     "swing-up, breeze": {"task": "swing_up", "wind": "breeze", "duration": 4.0},
     "recovery": {"task": "recovery", "duration": 4.0},
 }
 CLASSICAL = PAPER | HUMMINGBIRD | RIGID
-ADRC = "adrc-paper", "adrc-matched", "adrc-tuned", "adrc-linear"
 # Scenarios of each policy; a learned policy has its name without the seed.
 FLIGHTS: dict[str, dict[str, Parts]] = {
-    **dict.fromkeys((*ADRC, "nmpc", "flatness", "lqr", "lqi", "dual-mode", "lqg"), CLASSICAL),
+    **dict.fromkeys(("adrc-paper", "adrc-matched", "adrc-tuned", "adrc-linear", "nmpc"), CLASSICAL),
+    **dict.fromkeys(("flatness", "lqr", "lqi", "dual-mode"), CLASSICAL | LOAD),
+    "lqg": CLASSICAL,
     "swing-up": {**SWING_UP, **RIGID},
     **dict.fromkeys(("apg", "ppo-alone", "sac-alone"), PAPER),
     **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops", "apg-vehicles-safe"), HUMMINGBIRD),

@@ -114,6 +114,7 @@ def _with_pole_of(vehicle: Vehicle, other: Vehicle) -> bool:
 
 # For which simulations the tunings of a group of the file are; those of the first group that has any are taken.
 _GROUPS: dict[str, Callable[[Simulation], bool]] = {
+    "hanging": lambda simulation: simulation.pendulum == "hanging",
     "hummingbird": lambda simulation: _with_pole_of(simulation.vehicle, VEHICLES["hummingbird"]),
     "rigid": lambda simulation: simulation.vehicle.attitude == "rigid",
     "paper": lambda simulation: True,
@@ -177,7 +178,7 @@ def replace_gains(gains: Any, values: Mapping[str, Any]) -> Any:
 
 def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
     """Return the gains for a vehicle from those that were tuned for another, by the design parameters of both."""
-    rate = float(np.sqrt(other.chain_stiffness / tuned.chain_stiffness))
+    rate = float(np.sqrt(abs(other.chain_stiffness) / tuned.chain_stiffness))
     for name, hint in get_type_hints(type(gains), include_extras=True).items():
         for scale in getattr(hint, "__metadata__", ()):
             path = f"{name}.{scale.of}" if isinstance(scale, Scale) and scale.of else name

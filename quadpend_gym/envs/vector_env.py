@@ -40,6 +40,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             the value, which is a string, can the specification be converted to JSON.
         render_mode: With ``"rgb_array"`` the method `render` returns a tuple of one array for each sub-environment, as
             in `QuadPendulumEnv`.
+        num_threads: Threads that advance the sub-environments, for some thousands of them or more. The numbers are the
+            same for any number of threads.
         parts: Fields of the scenario, as in `QuadPendulumEnv`.
     """
 
@@ -52,12 +54,14 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        num_threads: int = 1,
         **parts: Any,
     ) -> None:
         """Build the environment; the class documents the arguments."""
         check_render_mode(render_mode, self.metadata["render_modes"])
         self.scenario = as_scenario(scenario, **parts)
         self.num_envs = num_envs = _whole_number("num_envs", num_envs)
+        self.num_threads = _whole_number("num_threads", num_threads)
         self.max_episode_steps: float = self.scenario.steps
         if max_episode_steps is not None:
             no_limit = plain(max_episode_steps) == -1
@@ -69,7 +73,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
         fps = frames_per_second(self.scenario)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode, "render_fps": fps}
-        self.world = World(num_envs, self.scenario)
+        self.world = World(num_envs, self.scenario, self.num_threads)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
         layout = self.scenario.observation
         self.single_observation_space = observation_space(layout.size, layout=tuple(layout))

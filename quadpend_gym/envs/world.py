@@ -49,6 +49,7 @@ from quadpend_gym.envs.loops import Schedule
 from quadpend_gym.envs.outcome import LOOP, REWARD, StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
 from quadpend_gym.envs.step_kernel import KERNELS, MEASURE, STEP, observe_sensed
+from quadpend_gym.envs.threads import run_in_threads
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.scenarios.scenario import Scenario
@@ -76,6 +77,7 @@ class World:
     Args:
         num_envs: Number n of sub-environments.
         scenario: Task, vehicle, wind, sensors, actuators and parameters, the same for all.
+        num_threads: Number of threads that share the sub-environments. The numbers do not depend on it.
 
     Attributes:
         clock: Control steps since each episode began, shape (n,).
@@ -87,7 +89,7 @@ class World:
         step_info: Reads `info` from an outcome.
     """
 
-    def __init__(self, num_envs: int, scenario: Scenario) -> None:
+    def __init__(self, num_envs: int, scenario: Scenario, num_threads: int = 1) -> None:
         self.num_envs, self.scenario = num_envs, scenario
         task, simulation = self.task, self.simulation = scenario.task, scenario.simulation
         if scenario.autopilot is None:
@@ -121,7 +123,7 @@ class World:
         self._moves_air, self._holds = any(model.moves_air for model in winds), can_hold(winds)
         self._sample_size = SAMPLE_SIZE if self._holds else WIND_SIZE
         self._kernel: Any = KERNELS[self._plant.held_kernel if self._holds else self._plant.kernel]
-        self._run: Any = self._kernel
+        self._run: Any = self._kernel if num_threads == 1 else partial(run_in_threads, num_threads, self._kernel)
         if isinstance(self.schedule, AutopilotRows):
             self._run = partial(self.schedule.run, self._kernel)
         self._settings = pack_settings(task, self._plant, self._moves_air, bool(self._sensors.models))
@@ -130,7 +132,7 @@ class World:
         self._columns_size = SAMPLE_SIZE + (SENSED_SIZE if self._sensors.models else 0)
         self._columns = np.zeros((self._columns_size, num_envs))  # wind and sensed values of the kernel
         changes_first = actuators, scenario.loop, scenario.autopilot, task.jumps  # before the kernel checks the action
-        self._checks_first = any(changes_first) or self._holds
+        self._checks_first = any(changes_first) or num_threads > 1 or self._holds
         drawn = self._parameter_ranges is not None, scenario.loop is not None
         self.step_info = StepInfo(self._moves_air, bool(actuators), *drawn)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.

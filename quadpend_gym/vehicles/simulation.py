@@ -32,6 +32,7 @@ class Simulation:
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
     substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
     latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # time until an action acts; a whole number of substeps
+    pendulum: Literal["upright", "hanging"] = "upright"  # control laws use "hanging", environments only "upright"
 
     def __post_init__(self) -> None:
         if self.vehicle.attitude == "euler" and self.interface != "wrench":
@@ -55,8 +56,9 @@ class Simulation:
 
     @cached_property
     def parameters(self) -> Parameters:
-        """The physical parameters of the vehicle."""
-        return self.vehicle.parameters
+        """The physical parameters of the vehicle; with a hanging pendulum, the rod length is negative."""
+        found = self.vehicle.parameters
+        return found if self.pendulum == "upright" else found._replace(rod_length=-found.rod_length)
 
     @cached_property
     def torque_limits(self) -> tuple[float, float]:

@@ -78,6 +78,11 @@ def test_its_gradient_is_a_finite_difference(tmp_path: Path) -> None:
     np.testing.assert_allclose(gradient[0], slope, rtol=0.03, atol=0.02 * slope.abs().max())
 
 
+def test_sac_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:
+    assert "It balances in" in run_script("train/sac.py", "--total-timesteps", "2000")
+    assert (tmp_path / "sac.zip").is_file()
+
+
 def test_the_loop_in_the_manner_of_cleanrl_trains(run_script: Run) -> None:
     assert "update 0: mean length of an episode" in run_script("docs/examples/ppo_as_in_cleanrl.py", "--updates", "1")
 

@@ -114,6 +114,7 @@ class DualMode(Law):
     """The control law (1)–(5) for n rows; `gains.near` has no integrators."""
 
     gains: DualModeGains
+    flies_load = True
 
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None]:

@@ -213,6 +213,7 @@ class Flatness(Law):
     """The control law (1)–(7) for n rows."""
 
     gains: FlatnessGains
+    flies_load = True
 
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None]:

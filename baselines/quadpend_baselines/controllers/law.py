@@ -23,6 +23,7 @@ class Law:
 
     gains: Any
     simulation: Simulation
+    flies_load: ClassVar[bool] = False  # whether it was tested with a hanging load
     has_linear_model: ClassVar[bool] = True  # False: `modelling.linear_loop` need not look for one
     observer: ClassVar[ObserverKind] = "kalman"
     is_linear_near: ClassVar[bool] = False  # whether it has the feedback that `hybrid.deviations` reads

@@ -254,6 +254,7 @@ class Lqr(Law):
     """The control law (1) for n rows, with integrators if `gains.integral` is positive."""
 
     gains: LqrGains
+    flies_load = True
 
     @cached_property
     def _numbers(self) -> tuple[Any, Floats | None]:

@@ -58,7 +58,7 @@ class OutputFeedback(Controller):
     ) -> None:
         super().__init__(gains, simulation, loop)
         self.make_law, self._law = make_law, make_law(self.gains, self.simulation)
-        self.has_linear_model = self._law.has_linear_model
+        self.has_linear_model, self.flies_load = self._law.has_linear_model, self._law.flies_load
         self.observer, self.has_c = self._law.observer, self._law.has_c
         self.estimator = self._law.estimator(self.loop)
 

@@ -27,6 +27,7 @@ RIGID = ("wrench", "rotors", "body_rates")
 FLIGHTS = {
     "calm": Scenario(),
     "windy": Scenario(wind=WIND),
+    "load": Scenario(task="load"),
     "wrench": Scenario(vehicle="hummingbird"),
     "rotors": Scenario(vehicle="x500", interface="rotors", period=0.02, substeps=8),
     "body_rates": Scenario(
@@ -53,14 +54,15 @@ def run(policy: Any, env: Any, seed: int = 5, steps: int = 100, **options: Any) 
     return np.array(observations), np.array(actions), memory
 
 
-# Not flown: swing-up is for the paper's vehicle, nmpc is slow, and adrc-paper has no margin for the lag of rotors.
-NOT_FLOWN = dict.fromkeys(RIGID, ("adrc-paper", "nmpc", "swing-up"))
+# Not flown: adrc, nmpc and swing-up carry no load; swing-up is for the paper's vehicle, nmpc is slow, and adrc-paper
+# has no margin for the lag of rotors.
+NOT_FLOWN = {"load": ("adrc", "lqg", "nmpc", "swing-up"), **dict.fromkeys(RIGID, ("adrc-paper", "nmpc", "swing-up"))}
 
 
 @every_controller
 @pytest.mark.parametrize("flight", FLIGHTS)
 def test_every_controller_flies(name: str, flight: str) -> None:
-    """For 2 s in calm air, in wind, and on one rigid vehicle with each interface."""
+    """For 2 s in calm air, in wind, with a hanging load, and on one rigid vehicle with each interface."""
     if name.startswith(NOT_FLOWN.get(flight, ("never",))):
         return
     scenario = FLIGHTS[flight]

@@ -68,8 +68,9 @@ def test_a_duration_replaces_that_of_a_specification() -> None:
 
 
 def test_numpy_numbers_count_as_numbers() -> None:
-    env = make_vec(np.int64(2), max_episode_steps=np.int64(3), substeps=np.array(2), duration=np.float32(5.0))
-    assert (env.num_envs, env.max_episode_steps, env.scenario.substeps) == (2, 3, 2)
+    one, two = np.int64(1), np.array(2)
+    env = make_vec(np.int64(2), max_episode_steps=np.int64(3), num_threads=one, substeps=two, duration=np.float32(5.0))
+    assert (env.num_envs, env.max_episode_steps, env.num_threads, env.scenario.substeps) == (2, 3, 1, 2)
     single = make()
     np.testing.assert_array_equal(single.reset(seed=np.int64(4))[0], single.reset(seed=4)[0])
     for wrong in (0, 2.0, True, "2"):

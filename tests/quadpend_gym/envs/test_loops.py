@@ -153,18 +153,20 @@ def test_actions_issued_from_the_change_on_have_the_changed_latency(before: floa
 
 
 @both_vehicles
-def test_rows_equal_single_environments_with_autoreset(fields: dict[str, Any]) -> None:
+def test_rows_equal_single_environments_with_autoreset_and_threads(fields: dict[str, Any]) -> None:
     """They are equal to the last bit; 130 rows are three blocks."""
     loop = dict(LOOP) if "vehicle" in fields else {name: LOOP[name] for name in ("latency", "jitter", "thrust")}
     loop["changes"] = CHANGES | ({"rotors": (0.5, 0.9), "latency": (0.0, 0.05)} if "vehicle" in fields else {})
     fields = {**fields, "loop": loop, "duration": 0.08}
-    one = make_vec(130, autoreset_mode="SameStep", **fields)
+    one, two = (make_vec(130, autoreset_mode="SameStep", num_threads=n, **fields) for n in (1, 2))
     single, row = make_unwrapped(**fields), 97
     first = single.reset(seed=5 + row)
     seen, _ = one.reset(seed=5)
+    two.reset(seed=5)
     assert_array_equal(seen[row], first[0])
     actions = draw_actions(0, 30, 130)
     results = run_actions(one, actions)
+    assert_same(run_actions(two, actions), results)
     for action, (observation, reward, _, truncated, info) in zip(actions, results, strict=True):
         expected: Any = single.step(action[row])
         assert reward[row] == expected[1]

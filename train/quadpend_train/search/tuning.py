@@ -37,7 +37,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
 from quadpend_baselines import Policy
-from quadpend_baselines.controllers.controller import NO_LOAD
+from quadpend_baselines.controllers.controller import Hanging, mirror_simulation
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import gains_for, scale_gains, tuning
 from quadpend_baselines.modelling.equivalent import equivalent_model
@@ -82,20 +82,21 @@ class Search:
         refuse_held_out(scenarios)
         self.scenarios = find_scenarios(scenarios)
         found = [*self.scenarios.values()]
-        if any(scenario.task.pendulum == "hanging" for scenario in found):
-            raise ValueError(NO_LOAD)
-        if len({pendulum_arm(scenario) for scenario in found}) > 1:
+        if len({(scenario.task.pendulum, pendulum_arm(scenario)) for scenario in found}) > 1:
             raise ValueError(
-                "scenarios must agree in whether the error counts the direction of the pendulum (pendulum_first): tune"
-                " for them apart"
+                "scenarios must agree in the side of the pendulum, and in whether the error counts its direction"
+                " (pendulum_first): tune for them apart"
             )
-        self.designed = found[0].simulation
+        simulation, self.hangs = found[0].simulation, found[0].task.pendulum == "hanging"
+        self.designed = mirror_simulation(simulation) if self.hangs else simulation
         self.seen = Loop(observation=Loop.known(found[0]).observation)  # no delays and lags
         self.env = concatenate_scenarios(found, episodes * len(found))
-        own, ranges = search_space(name, self.designed)
+        own, ranges = search_space(name, simulation)
         self.present = gains_for(name, self.designed)
         self.space = {path: FloatDistribution(*given, log=True) for path, given in ranges.items()}
-        self.start = {path: attrgetter(path)(own) for path in self.space}
+        # A hanging pendulum on the paper's vehicle has gains of its own.
+        first = own if simulation.vehicle.attitude == "rigid" else self.present
+        self.start = {path: attrgetter(path)(first) for path in self.space}
 
     def open(self, file: Path, seed: int = 0) -> optuna.Study:
         """Open or create the study in a file, whose first trial has the values `start`."""
@@ -136,7 +137,8 @@ class Search:
 
     def policy(self, gains: dict[str, float]) -> Policy:
         """Return the controller with other gains, which does not know the delays and lags of the scenarios."""
-        return controller_of(self.name, changed(self.present, gains)).designed_for(self.designed, self.seen)
+        policy = controller_of(self.name, changed(self.present, gains)).designed_for(self.designed, self.seen)
+        return Hanging(policy) if self.hangs else policy
 
     def loss(self, trial: optuna.Trial) -> float:
         """Return the loss of a trial."""
