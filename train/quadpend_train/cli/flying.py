@@ -39,7 +39,7 @@ def fly(
         to: The autopilot: msp:HOST:PORT, msp:/dev/ttyACM0, or module:function of your own.
         source: Address at which samples of motion capture arrive.
         vehicle: Preset or TOML file with the rates and the thrusts of the autopilot; default: that of the policy.
-        log: CSV file for motion capture, motors, commands and status.
+        log: New CSV file for motion capture, motors, commands and status.
         thrust: TOML file of throttles, voltages and the measured thrusts of a rotor; default: linear in the throttle.
         voltage: Of the battery, for the file of thrusts.
         age: Time without a usable sample that kills.

@@ -27,6 +27,7 @@ _LEAD = 0.002  # s, from the arrival of a sample to the step that uses it
 _FOLLOW, _FASTEST = 0.05, 0.02  # share of a wrong phase that a step corrects, and the most, as a share of the period
 _CLOCKS = 1e-4  # s/s, by which the sender's clock may drift
 _PATIENCE = 0.06  # s, that samples may be frozen, the link silent or a step late in flight
+_MOST = 100  # datagrams in a step: a flood must not stop it
 _FIRST = 10.0  # s, to wait for the first sample
 _SHOWN = 0.2  # s, between two lines of the terminal
 _AFTER_KILL = 0.3  # s, for which a kill is repeated
@@ -109,8 +110,12 @@ class Summary(NamedTuple):
 def listen(host: str, port: int) -> socket.socket:
     """Return the socket at which samples arrive."""
     source = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    source.bind((host, port))
     source.setblocking(False)
+    try:
+        source.bind((host, port))
+    except OSError as error:
+        source.close()
+        raise ValueError(f"samples cannot be received at {host}:{port}: {error}") from error
     return source
 
 
@@ -121,7 +126,7 @@ def fly(policy: Supervised, source: socket.socket, link: Link, path: Path, step:
         policy: What flies, with its limits.
         source: Of samples, see `listen`.
         link: To the autopilot; it is closed at the end.
-        path: Of the log, a CSV file with `COLUMNS`.
+        path: Of the log, a new CSV file with `COLUMNS`.
         step: Distance by which a key moves the set point, m.
     """
     if not select.select([source], [], [], _FIRST)[0]:
@@ -130,7 +135,7 @@ def fly(policy: Supervised, source: socket.socket, link: Link, path: Path, step:
     gc.collect()
     gc.disable()  # its pauses are longer than a step
     try:
-        with path.open("w", newline="", encoding="utf-8", buffering=1) as file:
+        with path.open("x", newline="", encoding="utf-8", buffering=1) as file:
             return _fly(policy, source, link, csv.writer(file), step, operator)
     finally:
         gc.enable()
@@ -196,9 +201,9 @@ def _fly(policy: Supervised, source: socket.socket, link: Link, log: Any, step: 
 def _receive_until(source: socket.socket, deadline: float) -> tuple[list[bytes], float]:
     """Return the datagrams that arrive until the deadline, and when the last one arrived; 0: none did."""
     datagrams, arrived = [], 0.0
-    while select.select([source], [], [], max(deadline - time.monotonic(), 0.0))[0]:
+    while len(datagrams) < _MOST and select.select([source], [], [], max(deadline - time.monotonic(), 0.0))[0]:
         datagrams.append(source.recv(SIZE + 1))
-        arrived = time.monotonic()
+        arrived = time.monotonic() if len(datagrams[-1]) == SIZE else arrived
     return datagrams, arrived
 
 
