@@ -18,13 +18,14 @@ from quadpend_train.cli.main import main
 from quadpend_train.export.to_c import export_c
 from quadpend_train.flight_logs.log import Columns
 from quadpend_train.flight_logs.readers import read_log
-from quadpend_train.links.autopilots import Link, Msp, open_link, parse_address
+from quadpend_train.links import flight
+from quadpend_train.links.autopilots import Link, Msp, listen, open_link, parse_address
 from quadpend_train.links.desk import PERIOD, Desk
 from quadpend_train.links.flight import Operator
 from quadpend_train.links.motion_capture import Sample
 from quadpend_train.links.msp import MOTOR, Reader, channels_of, command_of, request, set_raw_rc
 from quadpend_train.links.receivers import Receiver
-from quadpend_train.links.supervised import FLY, HOLD, KILL, OFF
+from quadpend_train.links.supervised import FLY, HOLD, KILL, OFF, Supervised
 from quadpend_train.links.terminal import END
 from quadpend_train.policies.loading import load_policy
 from tests.helpers import desk as flights
@@ -215,6 +216,31 @@ def test_a_push_moves_the_body(breeze: Scenario) -> None:
             desk.press(key)
         places.append(seen(desk, round(0.3 / PERIOD)).position[0])
     assert places[1] > places[0] + 0.01
+
+
+def test_the_vehicle_of_a_file_is_that_of_its_header(lqg: Path, tmp_path: Path) -> None:
+    for name in ("policy.c", "policy.h"):
+        text = (lqg.parent / name).read_text(encoding="utf-8").replace('"hummingbird"', '"crazyflie-brushless-2"')
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    designed = Supervised(tmp_path / "policy.c").designed
+    assert designed == {
+        "PERIOD": "0.01",
+        "LATENCY": "0.02",
+        "INTERFACE": "body_rates",
+        "VEHICLE": "crazyflie-brushless-2",
+    }
+
+
+def test_a_log_that_exists_and_a_port_in_use_are_refused(lqg: Path, tmp_path: Path, breeze: Scenario) -> None:
+    _, port = flights.free_ports()
+    with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        with pytest.raises(ValueError, match=f"nothing can be received at {port}: "):
+            listen(str(port), socket.SOCK_DGRAM)
+        sender.sendto(b"sample", source.getsockname())
+        ours, theirs = socket.socketpair()
+        ours.setblocking(False)
+        with theirs, pytest.raises(FileExistsError):
+            flight.fly(Supervised(lqg), source, Msp(ours.detach(), breeze.simulation, None, 0.0), lqg, 0.5)
 
 
 def test_wrong_input_is_one_sentence(lqg: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,12 +50,14 @@ def fly(
         speed: Of the vehicle's centre that kills, m/s.
         step: Distance by which a key moves the set point.
     """
+    import socket
+
     from quadpend_gym.core.files import read_toml
     from quadpend_gym.core.settings import parse
     from quadpend_gym.vehicles import Simulation
     from quadpend_gym.vehicles.vehicle import as_vehicle
     from quadpend_train.links import flight
-    from quadpend_train.links.autopilots import open_link, parse_address
+    from quadpend_train.links.autopilots import listen, open_link
     from quadpend_train.links.supervised import Supervised
     from quadpend_train.links.terminal import keys_at_once, prefer
     from quadpend_train.links.thrust import ThrustTable
@@ -64,11 +66,14 @@ def fly(
     if flown.designed["INTERFACE"] != "body_rates":
         raise ValueError(f"{policy} commands {flown.designed['INTERFACE']}; an autopilot takes body_rates")
     simulation = Simulation(vehicle=as_vehicle(vehicle or flown.designed["VEHICLE"]), interface="body_rates")
+    if simulation.vehicle.name != flown.designed["VEHICLE"]:
+        written = f"{policy} was written for the vehicle {flown.designed['VEHICLE']}, not {simulation.vehicle.name}"
+        print(f"Warning: {written}", file=sys.stderr)
     limits = {"age": age, "pole_tilt": pole_tilt, "body_tilt": body_tilt, "distance": distance, "speed": speed}
     for name, value in {**limits, "lowest": height[0], "highest": height[1]}.items():
         setattr(flown.fields, name, value)
     table = None if thrust is None else parse(ThrustTable, read_toml(thrust), "thrust")
-    with flight.listen(*parse_address(source)) as samples:
+    with listen(source, socket.SOCK_DGRAM) as samples:
         link = open_link(to, simulation, table, voltage)
         if not prefer():
             print("Warning: the system gives no real-time priority; see docs/first-flight.md", file=sys.stderr)
@@ -110,8 +115,7 @@ def simulate(
     import socket
 
     from quadpend_train.cli.options import named_scenarios
-    from quadpend_train.links import desk, receivers
-    from quadpend_train.links.autopilots import parse_address
+    from quadpend_train.links import autopilots, desk, receivers
     from quadpend_train.links.terminal import keys_at_once, prefer
 
     (flown,) = named_scenarios((scenario,), vehicle, "body_rates").values()
@@ -121,8 +125,8 @@ def simulate(
         if autopilot == "betaflight":
             made = stack.enter_context(receivers.Firmware(flown.simulation))
         else:
-            server = stack.enter_context(socket.create_server(parse_address(listen)))
+            server = stack.enter_context(autopilots.listen(listen, socket.SOCK_STREAM))
             made = receivers.Direct(server, flown.simulation)
         simulated = desk.Desk(flown, seed, "rotors" if autopilot == "betaflight" else "body_rates")
         stack.enter_context(keys_at_once())
-        print(desk.run(simulated, made, parse_address(to), round(1.0 / (rate * desk.PERIOD)), delay))
+        print(desk.run(simulated, made, autopilots.parse_address(to), round(1.0 / (rate * desk.PERIOD)), delay))

@@ -86,6 +86,23 @@ def parse_address(text: str) -> tuple[str, int]:
     return host or "127.0.0.1", int(port)
 
 
+def listen(text: str, kind: socket.SocketKind) -> socket.socket:
+    """Return a socket for datagrams or connections at the address ``"HOST:PORT"``, which does not block."""
+    address = parse_address(text)
+    server = socket.socket(socket.AF_INET, kind)
+    server.setblocking(False)
+    try:
+        if kind == socket.SOCK_STREAM:
+            server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        server.bind(address)
+        if kind == socket.SOCK_STREAM:
+            server.listen()
+    except OSError as error:
+        server.close()
+        raise ValueError(f"nothing can be received at {text}: {error}") from error
+    return server
+
+
 def open_link(name: str, simulation: Simulation, table: ThrustTable | None = None, voltage: float = 0.0) -> Link:
     """Return the link ``"msp:HOST:PORT"``, ``"msp:/dev/ttyACM0"``, or that of your own code, ``"module:function"``."""
     kind, _, address = name.partition(":")

@@ -26,11 +26,12 @@ from quadpend_train.links.terminal import END, pressed, show
 _LEAD = 0.002  # s, from the arrival of a sample to the step that uses it
 _FOLLOW, _FASTEST = 0.05, 0.02  # share of a wrong phase that a step corrects, and the most, as a share of the period
 _CLOCKS = 1e-4  # s/s, by which the sender's clock may drift
-_PATIENCE = 0.06  # s, that samples may be frozen, the link silent or a step late in flight
+_PATIENCE, _FROZEN = 0.06, 0.055  # s, that the link may be silent or a step late, and that samples may be frozen
 _MOST = 100  # datagrams in a step: a flood must not stop it
 _FIRST = 10.0  # s, to wait for the first sample
 _SHOWN = 0.2  # s, between two lines of the terminal
 _AFTER_KILL = 0.3  # s, for which a kill is repeated
+_REPEATS, _REPEATED = 5, 0.004  # at once, at these times (s): Betaflight disarms after four messages in a row
 
 KEYS = {  # request, and whether it is armed
     "a": (OFF, True),
@@ -107,24 +108,12 @@ class Summary(NamedTuple):
         return [*found, f"Killed: {self.cause}" if self.cause else "Not killed"]
 
 
-def listen(host: str, port: int) -> socket.socket:
-    """Return the socket at which samples arrive."""
-    source = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    source.setblocking(False)
-    try:
-        source.bind((host, port))
-    except OSError as error:
-        source.close()
-        raise ValueError(f"samples cannot be received at {host}:{port}: {error}") from error
-    return source
-
-
 def fly(policy: Supervised, source: socket.socket, link: Link, path: Path, step: float) -> Summary:
     """Fly until the operator ends or a kill.
 
     Args:
         policy: What flies, with its limits.
-        source: Of samples, see `listen`.
+        source: Of samples, a socket that does not block.
         link: To the autopilot; it is closed at the end.
         path: Of the log, a new CSV file with `COLUMNS`.
         step: Distance by which a key moves the set point, m.
@@ -178,6 +167,9 @@ def _fly(policy: Supervised, source: socket.socket, link: Link, log: Any, step: 
             operator.kill(", ".join(policy.names(fields.cause)))
         try:
             link.send(policy.command, operator.is_armed and stage != KILL)
+            for _ in range(_REPEATS if stage == KILL and ending == np.inf else 0):
+                time.sleep(_REPEATED)
+                link.send(policy.command, False)
         except OSError as error:
             operator.kill(f"the link is lost: {error}")
         if operator.request == KILL:
@@ -200,7 +192,8 @@ def _fly(policy: Supervised, source: socket.socket, link: Link, log: Any, step: 
 
 def _receive_until(source: socket.socket, deadline: float) -> tuple[list[bytes], float]:
     """Return the datagrams that arrive until the deadline, and when the last one arrived; 0: none did."""
-    datagrams, arrived = [], 0.0
+    datagrams: list[bytes] = []
+    arrived = 0.0
     while len(datagrams) < _MOST and select.select([source], [], [], max(deadline - time.monotonic(), 0.0))[0]:
         datagrams.append(source.recv(SIZE + 1))
         arrived = time.monotonic() if len(datagrams[-1]) == SIZE else arrived
@@ -209,7 +202,7 @@ def _receive_until(source: socket.socket, deadline: float) -> tuple[list[bytes],
 
 def _check(operator: Operator, policy: Supervised, link: Link, late: float) -> None:
     """Kill where the supervisor does not: its limit of age lets drop-outs pass, and it sees neither link nor clock."""
-    if policy.fields.status & policy.bits["FROZEN"] and policy.fields.blind > _PATIENCE and operator.request == FLY:
+    if policy.fields.status & policy.bits["FROZEN"] and policy.fields.blind > _FROZEN and operator.request == FLY:
         operator.kill("motion capture is frozen")
     if (silence := link.silence()) > _PATIENCE:
         operator.kill(f"the autopilot has not answered for {1e3 * silence:.0f} ms")

@@ -16,6 +16,7 @@ from quadpend_gym.autopilots.betaflight import Betaflight, cli_lines
 from quadpend_gym.autopilots.firmware import prepare
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.vehicles import Simulation, hover_thrusts, rotors_of
+from quadpend_train.links.autopilots import listen
 from quadpend_train.links.desk import PERIOD, Desk
 from quadpend_train.links.msp import MIN_CHECK, MOTOR, SET_RAW_RC, Reader, command_of, request
 
@@ -55,7 +56,6 @@ class Direct:
     """A receiver at a TCP port, whose commands act on the vehicle's own rate loop."""
 
     def __init__(self, server: socket.socket, simulation: Simulation) -> None:
-        server.setblocking(False)
         self._server, self._receiver, self._simulation = server, Receiver(simulation), simulation
         self._links: list[socket.socket] = []  # the one that is connected
 
@@ -104,9 +104,7 @@ class Firmware:
 
     def __enter__(self) -> "Firmware":
         """Start the process. Its threads have a race, in which some starts end: try again."""
-        self._socket = self._open.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-        self._socket.bind(("127.0.0.1", _MOTORS_PORT))
-        self._socket.setblocking(False)
+        self._socket = self._open.enter_context(listen(f"127.0.0.1:{_MOTORS_PORT}", socket.SOCK_DGRAM))
         for _ in range(_STARTS):
             process = self._open.enter_context(self._process())
             if self._answers():

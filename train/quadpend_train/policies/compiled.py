@@ -75,8 +75,8 @@ class CPolicy(Policy):
         if not self.path.is_file() or not header.is_file():
             raise ValueError(f"there must be a C file {self.path} with a header {header}, written by quadpend export")
         text, include = header.read_text(encoding="utf-8"), f'#include "{header.name}"'
-        found = re.findall(rf"#define {self.name}_(PERIOD|LATENCY|INTERFACE|VEHICLE) \"?([\w.]+)", text)
-        self.designed = dict(found)
+        found = re.findall(rf'#define {self.name}_(PERIOD|LATENCY|INTERFACE|VEHICLE) ("[^"]*"|[\w.]+)', text)
+        self.designed = {name: value.strip('"') for name, value in found}
         if len(self.designed) != 4:
             raise ValueError(f"{header} was not written by quadpend export")
         source = self.path.read_text(encoding="utf-8").replace(include, text)
