@@ -248,6 +248,7 @@ def test_wrong_input_is_one_sentence(lqg: Path, capsys: pytest.CaptureFixture[st
         ("fly", "none.c", "--to", "msp:1"): "there must be a C file none.c",
         ("fly", str(lqg), "--to", "1"): "a link must be msp:HOST:PORT",
         ("simulate", "--listen", "here"): "an address must be HOST:PORT or PORT",
+        ("simulate", "--scenario", '{"vehicle": "hummingbird"}'): "has no sensors: samples without noise count as",
     }.items():
         with pytest.raises(SystemExit) as end:
             main([*arguments])
@@ -267,10 +268,12 @@ def flies_well(flown: flights.Flown) -> bool:
 
 def test_a_flight_on_the_desk_catches_flies_to_a_set_point_and_is_released(lqg: Path, tmp_path: Path) -> None:
     keys = *flights.START, (2.3, "fly", "i"), *flights.later(flights.END, 5.5)
-    for seed in range(3):  # without real-time priority a busy machine may stop a process for longer than a flight bears
+    for seed in range(3):
         flown = flights.fly_on_the_desk(lqg, tmp_path, keys, seed=seed)
         if "Not killed" in flown.fly:
             break
+    if "Not killed" not in flown.fly and "no real-time priority" in flown.fly:
+        pytest.skip("a busy machine without real-time priority stops a process for longer than a flight bears")
     assert flies_well(flown)
     stages = flown.log.stage[flown.log.stage != flown.log.stage.shift()]
     assert stages.tolist() == ["OFF", "HOLD", "FLY", "HOLD", "OFF"]

@@ -80,6 +80,7 @@ def fly(
         print(flight.HELP, flush=True)
         with keys_at_once():
             summary = flight.fly(flown, samples, link, log, step)
+    print(end="\n" if sys.stdout.isatty() else "")
     for sentence in summary.sentences():
         print(f"{sentence}.")
     print(f"Written: {log}")
@@ -119,6 +120,7 @@ def simulate(
     from quadpend_train.links.terminal import keys_at_once, prefer
 
     (flown,) = named_scenarios((scenario,), vehicle, "body_rates").values()
+    simulated = desk.Desk(flown, seed, "rotors" if autopilot == "betaflight" else "body_rates")
     prefer()
     with ExitStack() as stack:
         made: receivers.Firmware | receivers.Direct
@@ -127,6 +129,5 @@ def simulate(
         else:
             server = stack.enter_context(autopilots.listen(listen, socket.SOCK_STREAM))
             made = receivers.Direct(server, flown.simulation)
-        simulated = desk.Desk(flown, seed, "rotors" if autopilot == "betaflight" else "body_rates")
         stack.enter_context(keys_at_once())
         print(desk.run(simulated, made, autopilots.parse_address(to), round(1.0 / (rate * desk.PERIOD)), delay))

@@ -68,6 +68,8 @@ class Desk:
     """
 
     def __init__(self, scenario: Scenario, seed: int, interface: Interface = "body_rates") -> None:
+        if not scenario.sensors:
+            raise ValueError(f"the scenario {scenario.name} has no sensors: samples without noise count as frozen")
         self._hand = Hand()
         own: dict[str, Any] = {"wind": [*scenario.wind, self._hand], "wind_rise": 0.0, "observation": "lab"}
         own |= {"period": PERIOD, "substeps": 1, "latency": 0.0, "duration": 1e6, "unscored": 0.0}

@@ -31,7 +31,7 @@ _MOST = 100  # datagrams in a step: a flood must not stop it
 _FIRST = 10.0  # s, to wait for the first sample
 _SHOWN = 0.2  # s, between two lines of the terminal
 _AFTER_KILL = 0.3  # s, for which a kill is repeated
-_REPEATS, _REPEATED = 5, 0.004  # at once, at these times (s): Betaflight disarms after four messages in a row
+_REPEATS, _REPEATED = 10, 0.002  # at once, at these times (s): Betaflight disarms after four messages in a row
 
 KEYS = {  # request, and whether it is armed
     "a": (OFF, True),
