@@ -106,13 +106,16 @@ def move_reference(memory: Any, lane: int, t: float) -> None:
 
 
 @inlined
-def store_drag(memory: Any, lane: int, plant: PlantNumbers, rotor_drag: Vec3) -> None:
-    """Write the velocity of the reference and the coefficients of the drag there, if it is known."""
-    velocity, known, d = load(memory, PLACE + 3, lane), 1.0 - plant.moves, rotor_drag
+def store_drag(memory: Any, lane: int, known: float, areas: tuple[float, float], rotor_drag: Vec3) -> None:
+    """Write the velocity of the reference and the coefficients of the drag there, where it is known (1).
+
+    The drag areas (m²) are those of quadrotor and bob.
+    """
+    velocity, d = load(memory, PLACE + 3, lane), rotor_drag
     speed = norm(velocity)
     store(memory, DRAG, lane, velocity)
-    body = 0.5 * AIR_DENSITY * plant.quadrotor_drag_area * speed
-    pole = 0.5 * AIR_DENSITY * plant.bob_drag_area * speed
+    body = 0.5 * AIR_DENSITY * areas[0] * speed
+    pole = 0.5 * AIR_DENSITY * areas[1] * speed
     store(memory, DRAG + 3, lane, Vec3(known * (body + 0.5 * (d.x + d.y)), known * (body + d.z), known * pole))
 
 
@@ -157,7 +160,8 @@ def advance(
         integrate_rigid(lanes, issued, numbers, forces, air, air, parameters, rigid, 1, period, substeps, command)
         for i in range(RIGID_SIZE):
             memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
-        store_drag(memory, lane, plant, rigid.rotor_drag)
+        areas = plant.quadrotor_drag_area, plant.bob_drag_area
+        store_drag(memory, lane, 1.0 - plant.moves, areas, rigid.rotor_drag)
     for i in range(STATE_SIZE):
         memory[i, lane] = buffer[i, 0]
     move_reference(memory, lane, period)

@@ -1,7 +1,7 @@
 """Inputs of a policy on the observation `LAB`: the latest sample relative to the reference's trajectory, and a memory.
 
-No observer estimates anything. The trajectory x_d, a_d of the nominal vehicle follows the reference in still air, as in
-`deviations`. m are the deviations from it, in the axes of the heading, so that no input depends on place or heading.
+No observer estimates anything. The trajectory x_d, a_d of the nominal vehicle follows the reference in still air, whose
+drag it knows. m are the deviations from it, in the axes of the heading, so that no input depends on place or heading.
 
 A sample that repeats the one before, or lies too far from it (1), is not taken: m keeps its value, and the time g since
 the last sample grows by the control period T. With a sample, the lags of first-order filters of x = (m, a_{k−1} − a_d),
@@ -33,6 +33,7 @@ import numpy as np
 from quadpend_baselines.controllers.lqr import deviation
 from quadpend_baselines.estimation.estimate import LOOP, law_inputs
 from quadpend_baselines.estimation.measurement import measure_in_world
+from quadpend_baselines.estimation.prediction import store_drag
 from quadpend_baselines.hybrid.parts import InputPart, Seen
 from quadpend_baselines.modelling.equivalent import equivalent_model, unpack_pendulum
 from quadpend_baselines.modelling.quantities import calm, turn3
@@ -71,14 +72,16 @@ _POLE = LAB.columns["pole"].start
 
 @compiled
 def _deviations(
-    seen: Floats, packed: Floats, packed_rigid: Floats | None, measured: Floats, command: Floats, desired: Floats,
-    out: Floats,
+    seen: Floats, packed: Floats, packed_rigid: Floats | None, areas: tuple[float, float], measured: Floats,
+    command: Floats, desired: Floats, out: Floats,
 ) -> None:  # fmt: skip
     """Write measurements, the command and rates and thrusts of the trajectory, m, and what the reference does."""
     pendulum = unpack_pendulum(packed)
     p, rigid = pendulum.vehicle, None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
         measure_in_world(seen.T, row, p.rod_length, p.bob_mass, measured.T)
+        if rigid is not None:
+            store_drag(measured.T, row, 1.0, areas, rigid.rotor_drag)
         state, _, reference = law_inputs(measured, row)
         error, wanted = deviation(state, calm(), reference, pendulum, rigid)
         store_four(command.T, 0, row, wanted)
@@ -147,7 +150,8 @@ def _lab(simulation: Simulation, seen: Seen, memory: Any) -> tuple[Any, Any]:
     rows, model = len(observed), equivalent_model(simulation)
     measured, command, desired = np.zeros((rows, LOOP)), np.empty((rows, 4)), np.empty((rows, RIGID_SIZE))
     out, now = np.empty((rows, LAB_SIZE)), np.empty((rows, REMEMBERED_SIZE))
-    _deviations(observed, model.packed, model.packed_rigid, measured, command, desired, out)
+    areas = simulation.parameters.quadrotor_drag_area, simulation.parameters.bob_drag_area
+    _deviations(observed, model.packed, model.packed_rigid, areas, measured, command, desired, out)
     following = plant_of(simulation).actions_for(command, desired)
     _filter(measured, action, following, simulation.period, memory, out, now)
     return out, now
