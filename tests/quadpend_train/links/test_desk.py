@@ -6,8 +6,10 @@ import socket
 from contextlib import closing
 from pathlib import Path
 from shutil import which
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from quadpend_gym.autopilots.firmware import find_binary
@@ -22,7 +24,7 @@ from quadpend_train.links import flight
 from quadpend_train.links.autopilots import Link, Msp, listen, open_link, parse_address
 from quadpend_train.links.desk import PERIOD, Desk
 from quadpend_train.links.flight import Operator
-from quadpend_train.links.motion_capture import Sample
+from quadpend_train.links.motion_capture import Sample, pack
 from quadpend_train.links.msp import MOTOR, Reader, channels_of, command_of, request, set_raw_rc
 from quadpend_train.links.receivers import Receiver
 from quadpend_train.links.supervised import FLY, HOLD, KILL, OFF, Supervised
@@ -243,6 +245,54 @@ def test_a_log_that_exists_and_a_port_in_use_are_refused(lqg: Path, tmp_path: Pa
             flight.fly(Supervised(lqg), source, Msp(ours.detach(), breeze.simulation, None, 0.0), lqg, 0.5)
 
 
+class Faulty:
+    """A link that does not answer, whose motors do not turn, or which is lost after some messages."""
+
+    def __init__(self, fault: str) -> None:
+        self.fault, self.is_closed = fault, False
+        self.sent: list[tuple[Any, ...]] = []
+
+    def send(self, command: Floats, is_armed: bool) -> None:
+        self.sent.append((*command, is_armed))
+        if self.fault == "lost" and 30 < len(self.sent) < 40:
+            raise OSError("gone")
+
+    def silence(self) -> float:
+        return 0.1 if self.fault == "silent" else 0.0
+
+    def motors(self) -> Floats:
+        return np.zeros(4) if self.fault == "disarmed" else np.full(4, np.nan)
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("silent", "the autopilot has not answered for 100 ms"),
+        ("disarmed", "the autopilot is not armed"),
+        ("lost", "the link is lost: gone"),
+    ],
+)
+def test_faults_of_a_link_kill(
+    fault: str, cause: str, lqg: Path, breeze: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, keys = Faulty(fault), iter(["", "a", "h", "f"])
+    monkeypatch.setattr(flight, "pressed", lambda: [*next(keys, "")])
+    _, port = flights.free_ports()
+    with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        desk = Desk(breeze, 0)
+        for _ in range(3):  # that wait for the first steps
+            sender.sendto(pack(seen(desk, 1)), source.getsockname())
+        summary = flight.fly(Supervised(lqg), source, link, tmp_path / "log.csv", 0.5)
+    assert summary.cause == cause
+    assert link.is_closed
+    assert [sent[-1] for sent in link.sent[-3:]] == [False] * 3
+    assert not np.any([sent[:-1] for sent in link.sent[-3:]])
+    assert pd.read_csv(tmp_path / "log.csv").cause.iloc[-1] == cause
+
+
 def test_wrong_input_is_one_sentence(lqg: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, message in {
         ("fly", "none.c", "--to", "msp:1"): "there must be a C file none.c",
@@ -287,7 +337,7 @@ def test_a_flight_on_the_desk_catches_flies_to_a_set_point_and_is_released(lqg: 
 EVENTS = {  # who takes which key, and within which time (ms) the motors stop: without and with the firmware
     "frozen": ("desk", "z", 100.0, 100.0),
     "lost link": ("desk", "l", 100.0, np.nan),
-    "killed companion": ("fly", "KILL", 100.0, 500.0),
+    "killed companion": ("fly", "KILL", 100.0, 120.0),
     "key": ("fly", "x", 30.0, 30.0),
     "lost motion capture": ("desk", "d", 200.0, 200.0),
 }

@@ -155,9 +155,13 @@ def _fly(policy: Supervised, source: socket.socket, link: Link, log: Any, step: 
             measurement = sample.measurement(delay - usual if delay - usual > period else 0.0)
         for key in pressed():
             operator.press(key)
-        if operator.is_armed:
-            _check(operator, policy, link, now - deadline)
+        if operator.request == FLY and fields.stage == HOLD and (link.motors() == 0.0).all():
+            operator.kill("the autopilot is not armed")
         status = policy.names(policy.step(measurement, operator.request))
+        if operator.is_armed and operator.request != KILL:
+            _check(operator, policy, link, now - deadline)
+            if operator.request == KILL:  # not a period later
+                status = list(dict.fromkeys([*status, *policy.names(policy.step(None, KILL))]))
         stage, reference = fields.stage, np.array(fields.reference[:3])
         goal = (goal if stage == FLY else reference) + step * operator.moves
         if operator.moves.any():
