@@ -28,6 +28,7 @@ from torch import Tensor, nn
 
 from quadpend_baselines.hybrid.lab import FOLLOWING, LAB_SIZE, REMEMBERED_SIZE
 from quadpend_baselines.policy.told import scaled_pole
+from quadpend_gym import __version__
 from quadpend_gym.device.env import Motion, QuadPendulumDeviceEnv
 from quadpend_gym.device.library import Library
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
@@ -114,6 +115,8 @@ MOTION: tuple[str, dict[str, Any]] = (
     "event_training_catch",
     {"loop": {"latency": [0.01, 0.038], "jitter": 0.002, "changes": {"at": [2.0, 6.0], "rotors": [0.25, 1.0]}}},
 )
+TAUGHT = 400  # numbers that a teacher remembers, at most
+HEAD = f"/* quadpend_gym {__version__}: {LAB_SIZE} inputs with {REMEMBERED_SIZE} numbers of memory */\n"
 NEVER = -1e6  # when an action acts that is older than all under way
 HIDDEN = 128  # width of the two hidden layers
 STEPS, BATCHES = 16, 8  # of a window of imitation
@@ -125,6 +128,7 @@ LARGEST = 1e6  # gradient of a row's cost with respect to its state
 SMALLEST = 5e-4  # error of the logarithm, m
 ENOUGH = 0.6  # margin to a limit above which leaning costs nothing
 TEACH = """
+typedef char memory_suffices[sizeof(lqg_policy) <= 4 * TAUGHT ? 1 : -1];
 ROWS(teach_rows, const float *seen, const float *applied, const unsigned char *begun, float *memory, float *label) {
   EACH_ROW {
     lqg_policy p;
@@ -207,7 +211,8 @@ def prepare(folder: Path, vehicle: str) -> None:
     text = re.sub(r"  static void \(\*const advance\[PARTS\]\).*\n", "", text).replace("advance[k](", "advance_0(")
     if "advance_1(" in text:
         raise ValueError("the teacher must have a latency of whole control periods")
-    (folder / f"{vehicle}.c").write_text(f"{inputs}\n#define q_tanh(x) tanhf(x)\n{text}{TEACH}", encoding="utf-8")
+    taught = f"#define TAUGHT {TAUGHT}\n#define q_tanh(x) tanhf(x)\n{text}{TEACH}"
+    (folder / f"{vehicle}.c").write_text(f"{HEAD}{inputs}\n{taught}", encoding="utf-8")
 
 
 class Inputs(torch.autograd.Function):
@@ -279,7 +284,9 @@ class Flight:
         def vehicle(name: str) -> Library:
             if not (file := folder / f"{name}.c").exists():
                 prepare(folder, name)
-            return Library(file.read_text(encoding="utf-8"), args.device, torch.float32)
+            if not (source := file.read_text(encoding="utf-8")).startswith(HEAD):
+                raise ValueError(f"{file} is of another version: remove {folder}, or give another folder")
+            return Library(source, args.device, torch.float32)
 
         folder.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(12 if (folder / "motion.c").exists() else 1) as pool:
@@ -287,7 +294,7 @@ class Flight:
             self.envs, found = list(envs), list(libraries)
         self.motion = Motion(MOTION[0], device=args.device, kernel=folder / "motion.c", **MOTION[1])
         self.vehicles = [(library, rows) for library, (_, rows) in zip(found, spans, strict=True)]
-        self.taught = [self.zeros(400, rows.stop - rows.start) for _, rows in self.vehicles]
+        self.taught = [self.zeros(TAUGHT, rows.stop - rows.start) for _, rows in self.vehicles]
         self.seen = torch.cat([env.reset(seed=10_000_000 + 100_000 * i)[0].T for i, env in enumerate(self.envs)], 1)
         self.action, self.memory = self.zeros(ACTION_SIZE, self.rows), self.zeros(REMEMBERED_SIZE, self.rows)
         self.begun = torch.ones(self.rows, dtype=torch.bool, device=self.device)
@@ -430,10 +437,10 @@ class Trainer:
         self.loss, shape = self.flight.zeros(args.seeds), (len(self.flight.envs), args.seeds)
         self.falls, self.squares, self.scored = (self.flight.zeros(*shape) for _ in range(3))
 
-    def act(self, inputs: Tensor) -> Tensor:
-        """Return the actions that the networks want."""
-        outputs: Tensor = self.networks(self.flight.for_networks(inputs))
-        return self.flight.for_rows(outputs) + inputs[FOLLOWING]
+    def act(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the actions that the networks want, and the outputs; more than ±1 of these is not added."""
+        outputs = self.flight.for_rows(self.networks(self.flight.for_networks(inputs)))
+        return outputs.clamp(-1.0, 1.0) + inputs[FOLLOWING], outputs
 
     def descend(self, loss: Tensor) -> None:
         """Take a step of Adam for the loss of each network; its gradient has at most the length 1."""
@@ -453,9 +460,9 @@ class Trainer:
         with torch.no_grad():
             for _ in range(STEPS):
                 seen, memory = flight.inputs(flight.seen, flight.action, flight.memory)
-                label, own = flight.teach(), self.act(seen)
+                label, (own, _) = flight.teach(), self.act(seen)
                 inputs.append(flight.for_networks(seen))
-                labels.append(flight.for_networks(label - seen[FOLLOWING]))
+                labels.append(flight.for_networks((label - seen[FOLLOWING]).clamp(-1.0, 1.0)))
                 acts = torch.rand(flight.rows, device=flight.device) < self.share
                 action = torch.where(acts, label, own) + self.noise * torch.randn_like(own)
                 action = action.nan_to_num(0.0).clamp(-1.0, 1.0)
@@ -484,7 +491,7 @@ class Trainer:
 
         for _ in range(WINDOW):
             inputs, memory = flight.inputs(seen, action, memory)
-            wanted = self.act(inputs)
+            wanted, outputs = self.act(inputs)
             action = wanted.clamp(-1.0, 1.0)
             given = action.detach().nan_to_num(0.0)
             acted, *constants = flight.drawn(given)
@@ -499,7 +506,7 @@ class Trainer:
             if x.requires_grad:
                 x.register_hook(limited)  # type: ignore[no-untyped-call]
             square, cost = costs(x, action, seen, parameters[ROD_LENGTH : ROD_LENGTH + 1], flight.limits)
-            excess = (torch.relu(wanted.abs() - 1.0) ** 2).sum(0)
+            excess = (torch.relu(torch.cat([wanted, outputs]).abs() - 1.0) ** 2).sum(0)
             squares.append(torch.where(begun, 0.0, square))
             further.append(torch.where(begun, 0.0, cost + excess))
             scored.append(((flight.envs[0].scenario.period * (1.0 + clock) > flight.unscored) & ~begun).float())

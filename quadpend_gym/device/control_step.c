@@ -103,6 +103,9 @@ FN void choose(const real *queue, int slot, real *acting) {
 }
 
 #ifndef MOTION
+/* What is not a number stays so, and ends the episode. */
+FN real limited(real a) { return a < -1 ? -1 : a > 1 ? 1 : a; }
+
 /* Start the next episode of a row. */
 SLOW void begin(i64 n, i64 i, const i64 *seed, i64 *episode, int *clock, real *memory, real *out) {
   real u[START_DRAWS], m[N_MEMORY] = {0}, observation[N_OBSERVATION];
@@ -130,7 +133,7 @@ ROWS(draw_rows, const real *action, i64 by_row, i64 by_column, const i64 *seed, 
     LOAD(m, memory, N_MEMORY);
     u64 key = derive((u64)seed[i], (u64)episode[i]);
     real time = (real)clock[i];
-    for (int c = 0; c < 4; ++c) given[c] = action[i * by_row + c * by_column];
+    for (int c = 0; c < 4; ++c) given[c] = limited(action[i * by_row + c * by_column]);
     actuate_draws(key, (u64)clock[i], m, u);
     actuate(given, m, &time, u, acted, &late, act, loop);
     for (int f = 0; f < N_LOOP; ++f) m[N_LOOP_AT + f] = loop[f];
@@ -157,10 +160,7 @@ ROWS(step_rows, const real *action, i64 by_row, i64 by_column, int limit, const 
     int now = clock[i];
     u64 key = derive((u64)seed[i], (u64)episode[i]);
     real time = (real)now;
-    for (int c = 0; c < 4; ++c) {
-      real a = action[i * by_row + c * by_column];
-      given[c] = a < -1 ? -1 : a > 1 ? 1 : a; /* what is not a number stays so, and ends the episode */
-    }
+    for (int c = 0; c < 4; ++c) given[c] = limited(action[i * by_row + c * by_column]);
     LOAD(queue, memory + N_QUEUE_AT * n, N_QUEUE);
     LOAD(arrival, memory + N_ARRIVAL_AT * n, N_ARRIVAL);
     actuate_draws(key, (u64)now, m, u);

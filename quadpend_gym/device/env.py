@@ -17,6 +17,7 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from quadpend_gym import __version__
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.device.library import Library
 from quadpend_gym.envs.spaces import action_space, observation_space
@@ -37,13 +38,19 @@ class Kernel:
     @classmethod
     def of(cls, scenario: Scenario, file: str | Path | None = None) -> "Kernel":
         """Return the kernel of a scenario, from the file if there is one, else new; then it is written there."""
-        digest = sha256(json.dumps(scenario_data(scenario), sort_keys=True).encode()).hexdigest()[:16]
+        generator = [
+            Path(__file__).with_name(f"control_step.{kind}").read_text(encoding="utf-8") for kind in ("py", "c")
+        ]
+        data = [json.dumps(scenario_data(scenario), sort_keys=True), __version__, *generator]
+        digest = sha256("".join(data).encode()).hexdigest()[:16]
         path = None if file is None else Path(file)
         if path is not None and path.exists():
             head, _, source = path.read_text(encoding="utf-8").partition("\n")
             found = json.loads(head[3:-3])
             if found.pop("scenario") != digest:
-                raise ValueError(f"{path} is the kernel of another scenario: remove it, or give another file")
+                raise ValueError(
+                    f"{path} is the kernel of another scenario or version: remove it, or give another file"
+                )
             return cls(source, found)
         from quadpend_gym.device.control_step import control_step
 
@@ -152,12 +159,7 @@ class QuadPendulumDeviceEnv(VectorEnv[Any, Any, Any]):
         Args:
             actions: Shape (num_envs, 4), on the device, with any strides.
         """
-        if actions.shape != (self.num_envs, ACTION_SIZE) or actions.device.type != self.device.type:
-            raise ValueError(
-                f"actions must be a tensor of shape ({self.num_envs}, 4) on {self.device}, not of shape"
-                f" {tuple(actions.shape)} on {actions.device}"
-            )
-        actions = actions.detach().to(self.dtype)
+        actions = self._checked(actions)
         out = torch.empty(self._size + 4, self.num_envs, dtype=self.dtype, device=self.device)
         ends = torch.empty(2, self.num_envs, dtype=torch.bool, device=self.device)
         strides = map(ctypes.c_longlong, actions.stride())
@@ -173,16 +175,25 @@ class QuadPendulumDeviceEnv(VectorEnv[Any, Any, Any]):
         return out[: self._size].T, out[self._size], terminated, truncated, info
 
     def drawn(self, actions: Tensor) -> dict[str, Tensor]:
-        """Return what the next step draws if it takes these actions, as `Motion` takes it.
+        """Return what the next step draws if it takes these actions, as `step` takes them and `Motion` takes it.
 
         The tensors are views of shape (size, num_envs): ``action`` (4), what the actuators make of it; ``arrival`` (1),
         when it acts, in substeps from now, 0 without a drawn loop; ``loop``; ``wind`` (12, or 16 with a hand).
         """
+        actions = self._checked(actions)
         parts = {"action": ACTION_SIZE, "arrival": 1, "loop": self.sizes["loop"], "wind": self.sizes["blown"]}
         out = torch.empty(sum(parts.values()), self.num_envs, dtype=self.dtype, device=self.device)
         strides = map(ctypes.c_longlong, actions.stride())
         self._run("draw_rows", actions, *strides, self.keys, self._episode, self.clock, self._memory, out)
         return dict(zip(parts, torch.split(out, list(parts.values())), strict=True))
+
+    def _checked(self, actions: Tensor) -> Tensor:
+        if actions.shape != (self.num_envs, ACTION_SIZE) or actions.device.type != self.device.type:
+            raise ValueError(
+                f"actions must be a tensor of shape ({self.num_envs}, 4) on {self.device}, not of shape"
+                f" {tuple(actions.shape)} on {actions.device}"
+            )
+        return actions.detach().to(self.dtype)
 
     def part(self, name: str) -> Tensor:
         """Return a part of the memory, a view of shape (size, num_envs), see `control_step`."""
