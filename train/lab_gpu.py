@@ -165,6 +165,15 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     args = parser.parse_args(arguments)
     if unknown := set(args.scenarios) - {*CHANGES, *POLES}:
         parser.error(f"there is no training scenario {min(unknown)!r}, only {', '.join([*CHANGES, *POLES])}")
+    for name, least in {"seeds": 1, "rows": 1, "imitation": 0, "gradients": 0}.items():
+        if (number := getattr(args, name)) < least:
+            parser.error(f"--{name} must be at least {least}, not {number}")
+    if not (args.imitation or args.gradients or args.prepare):
+        parser.error("--imitation and --gradients are both 0: nothing would be trained")
+    if not args.prepare and args.device != "c" and not torch.cuda.is_available():
+        parser.error(f"--device {args.device} needs a GPU, and PyTorch finds none: --device c trains on a processor")
+    if not args.prepare and (args.out / "lab-0.npz").exists():
+        parser.error(f"{args.out}/lab-0.npz exists: give another --out")
     args.kernels = args.kernels or args.out / "kernels"
     return args
 

@@ -56,3 +56,8 @@ def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
         load_policy("nix")
     with pytest.raises(ValueError, match=f"there is no controller 'nix'; there are {', '.join(CONTROLLERS)}"):
         controller("nix")
+
+
+def test_only_c_files_are_supervised() -> None:
+    with pytest.raises(ValueError, match="supervised: takes a C file of `quadpend export`.*, not 'lqg'"):
+        load_policy("supervised:lqg")

@@ -42,12 +42,15 @@ void statuses(int count, const char *memory, uint32_t *status) {{
 
 def is_c(name: str) -> bool:
     """Return whether a name is that of a C file, such as ``"c:policy.c"`` or ``"supervised:policy.c"``."""
-    return name.partition(":")[0] in C_POLICIES and name.endswith(".c")
+    prefix = name.partition(":")[0]
+    return prefix == "supervised" or (prefix in C_POLICIES and name.endswith(".c"))
 
 
 def load_c_policy(name: str) -> "CPolicy":
     """Return the policy of a name for which `is_c`."""
     prefix, _, path = name.partition(":")
+    if not path.endswith(".c"):
+        raise ValueError(f"{prefix}: takes a C file of `quadpend export`, such as {prefix}:policy.c, not {path!r}")
     return C_POLICIES[prefix](path)
 
 
