@@ -1,7 +1,7 @@
 """A link to a Crazyflie by cflib, to copy: `quadpend fly lqg.c --to crazyflie:link`.
 
-Its bytes are tested against cflib's own packets. No Crazyflie was at hand: nothing here has moved a motor. Check the
-sign of the yaw rate with the propellers off.
+Its bytes are tested against cflib's own packets. No Crazyflie was at hand: nothing here has moved a motor. The firmware
+negates the yaw rate: check all signs with the propellers off.
 """
 
 from typing import Any
@@ -26,7 +26,7 @@ class Crazyflie:
         """Send thrust and rates. A thrust of 0, as before arming, unlocks the firmware; disarmed, it is 0."""
         share = np.clip((0.25 * command[0] - self._low) / (self._high - self._low), 0.0, 1.0) if is_armed else 0.0
         p, q, r = np.degrees(command[1:]).tolist()
-        self._flown.commander.send_setpoint(p, q, r, int(65535 * share))
+        self._flown.commander.send_setpoint(p, q, -r, int(65535 * share))
 
     def silence(self) -> float:
         """Return 0: nothing answers each message."""

@@ -1,8 +1,8 @@
-"""A link to PX4 or ArduPilot by MAVLink, to copy: `quadpend fly lqg.c --to mavlink:link`.
+"""A link to PX4 by MAVLink, to copy: `quadpend fly lqg.c --to mavlink:link`.
 
 Its bytes are tested against pymavlink's own parser. No autopilot was at hand: nothing here has moved a motor. Arming,
-the offboard mode and the kill stay with the pilot; on lost set-points the autopilot acts by parameters of its own (PX4:
-COM_OF_LOSS_T, COM_OBL_RC_ACT).
+the offboard mode and the kill stay with the pilot; on lost set-points PX4 acts by COM_OF_LOSS_T and COM_OBL_RC_ACT. Not
+for ArduPilot, which takes the thrust for a rate of climb.
 """
 
 import time

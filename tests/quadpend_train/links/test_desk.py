@@ -3,6 +3,7 @@
 import os
 import pty
 import socket
+import time
 from contextlib import closing
 from pathlib import Path
 from shutil import which
@@ -55,6 +56,8 @@ def lqg(tmp_path_factory: pytest.TempPathFactory, breeze: Scenario) -> Path:
         ("", (OFF, False, "")),
         ("hf", (OFF, False, "")),  # not armed
         ("a", (OFF, True, "")),
+        ("af", (OFF, True, "")),  # not in the hand
+        ("a\n", (KILL, True, r"the key '\n'")),
         ("ah", (HOLD, True, "")),
         ("ahf", (FLY, True, "")),
         ("ahfh", (HOLD, True, "")),
@@ -293,10 +296,111 @@ def test_faults_of_a_link_kill(
     assert pd.read_csv(tmp_path / "log.csv").cause.iloc[-1] == cause
 
 
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, OSError])
+def test_an_interruption_and_an_error_disarm_with_messages_in_a_row(
+    error: type[BaseException], lqg: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, keys, at = Faulty(""), iter("ah"), []
+
+    def pressed() -> list[str]:
+        if not (key := next(keys, "")):
+            raise error
+        return [key]
+
+    def send(command: Floats, is_armed: bool) -> None:
+        at.append((time.monotonic(), is_armed))
+
+    monkeypatch.setattr(flight, "pressed", pressed)
+    monkeypatch.setattr(link, "send", send)
+    _, port = flights.free_ports()
+    with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(b"sample", source.getsockname())
+        with pytest.raises(error) as raised:
+            flight.fly(Supervised(lqg), source, link, tmp_path / "log.csv", 0.5)
+    assert error is not KeyboardInterrupt or str(raised.value) == "the autopilot was told to disarm"
+    last = at[-4:]
+    assert not any(is_armed for _, is_armed in last)
+    assert min(np.diff([time for time, _ in last])) >= 0.002
+    assert link.is_closed
+
+
+def test_a_refused_flight_does_not_begin_later(lqg: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    link, steps = Faulty(""), iter(range(1000))
+    keys = {1: "a", 3: "h", 5: "f", 40: "i", 50: "o", 52: "q"}
+    shown: list[str] = []
+    monkeypatch.setattr(flight, "_PATIENCE", 10.0)  # of a busy machine
+    monkeypatch.setattr(flight, "pressed", lambda: [keys[k]] if (k := next(steps)) in keys else [])
+    monkeypatch.setattr(flight, "show", lambda line, _: shown.append(line))
+    _, port = flights.free_ports()
+    with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(b"sample", source.getsockname())  # motion capture sees nothing
+        summary = flight.fly(Supervised(lqg), source, link, tmp_path / "log.csv", 0.5)
+    assert summary.cause == ""
+    assert any("HOLD no flight: BLIND" in line for line in shown)
+    assert any("the set point is refused: nothing flies" in line for line in shown)
+
+
+def test_set_points_and_flights_have_a_fence_and_what_is_released_must_stay(lqg: Path) -> None:
+    policy, place, origin = Supervised(lqg), flight._Place(0.5, 2.0), np.array([1.0, 1.0, 1.0])
+    fields = policy.fields
+
+    def cause(before: int, stage: int, position: Floats, *status: str) -> str:
+        fields.stage = stage
+        return place.cause(before, policy, [*status], position)
+
+    fields.lowest, fields.highest, fields.distance, fields.reference[:3] = 0.0, 2.0, 0.5, [1.0, 1.0, 1.0]
+    assert place.refusal(origin, policy) == "nothing flies"
+    assert cause(HOLD, FLY, origin) == ""
+    assert place.refusal(np.add(origin, [0.5, 0.5, 0.0]), policy) == ""
+    assert place.refusal(np.add(origin, [1.0, 0.0, 0.0]), policy) == "the one before is not reached"
+    assert place.refusal(np.add(origin, [0.0, 0.0, 2.0]), policy) == "its height"
+    fields.reference[:3] = [2.9, 1.0, 1.0]
+    assert place.refusal(np.add(origin, [2.1, 0.0, 0.0]), policy) == "it is beyond the fence"
+    assert cause(FLY, FLY, np.add(origin, [2.1, 0.0, 0.0]), "BLIND", "OUTLIER") == ""
+    assert cause(FLY, FLY, np.add(origin, [2.1, 0.0, 0.0])) == "the vehicle is beyond the fence"
+    assert cause(FLY, HOLD, origin) == ""
+    assert cause(HOLD, HOLD, np.add(origin, [0.3, 0.0, 0.0])) == ""
+    assert cause(HOLD, HOLD, np.add(origin, [0.6, 0.0, 0.0])) == "the vehicle moved after the release"
+    assert cause(HOLD, HOLD, origin, "SPEED", "CAUTION") == "SPEED after the release"
+    assert cause(HOLD, OFF, origin) == ""
+    assert cause(OFF, HOLD, origin, "SPEED") == ""
+
+
+def test_samples_are_those_of_one_sender_until_it_is_silent_where_nothing_flies(
+    breeze: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample, (_, port) = seen(Desk(breeze, 0), 1), flights.free_ports()
+    kind = socket.AF_INET, socket.SOCK_DGRAM
+    with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(*kind) as one, socket.socket(*kind) as other:
+        samples = flight._Samples(source)
+
+        def counters(sender: socket.socket, counter: int, may_restart: bool) -> tuple[list[int], bool]:
+            sender.sendto(pack(sample._replace(counter=counter)), source.getsockname())
+            datagrams, _, is_new = samples.until(time.monotonic() + 0.02, may_restart)
+            found = samples.receiver.newest(datagrams)
+            return [] if found is None else [found.counter], is_new
+
+        assert counters(one, 7, True) == ([7], False)
+        assert counters(other, 9, True) == ([], False)
+        assert counters(one, 8, True) == ([8], False)
+        monkeypatch.setattr(flight, "_RESTART", 0.0)
+        assert counters(other, 0, False) == ([], False)  # in flight
+        assert counters(other, 0, True) == ([0], True)
+        assert counters(one, 9, False) == ([], False)
+        begin = time.monotonic()
+        for _ in range(150):
+            one.sendto(b"flood", source.getsockname())
+        samples.until(begin + 0.1, False)
+        assert time.monotonic() - begin >= 0.1
+
+
 def test_wrong_input_is_one_sentence(lqg: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, message in {
         ("fly", "none.c", "--to", "msp:1"): "there must be a C file none.c",
         ("fly", str(lqg), "--to", "1"): "a link must be msp:HOST:PORT",
+        ("fly", str(lqg), "--to", "msp:1", "--thrust", "t.toml"): "--thrust needs --voltage",
+        ("fly", str(lqg), "--to", "msp:1", "--vehicle", "racer"): "was written for the vehicle hummingbird, not",
+        ("simulate", "--rate", "150"): "the rate must be 1000 divided by a whole number",
         ("simulate", "--listen", "here"): "an address must be HOST:PORT or PORT",
         ("simulate", "--scenario", '{"vehicle": "hummingbird"}'): "has no sensors: samples without noise count as",
     }.items():

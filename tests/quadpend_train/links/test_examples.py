@@ -52,7 +52,7 @@ def test_a_crazyflie_link_sends_degrees_and_16_bits() -> None:
     for is_armed in (True, False):
         link.send(COMMAND, is_armed)
     sent = [arguments for name, arguments in recorder.calls if name == "send_setpoint"]
-    assert sent[0] == pytest.approx((*np.degrees(COMMAND[1:]), 16383), abs=1.0)
+    assert sent[0] == pytest.approx((*np.degrees(COMMAND[1:] * (1.0, 1.0, -1.0)), 16383), abs=1.0)
     assert sent[1][3] == 0
     assert next(arguments for name, arguments in recorder.calls if name == "set_value") == (
         "flightmode.stabModeRoll",
@@ -86,7 +86,7 @@ def test_cflib_makes_a_packet() -> None:
     flown.commander = Commander(flown)
     crazyflie.Crazyflie(SIMULATION, flown).send(COMMAND, True)
     *angles, thrust = struct.unpack("<fffH", bytes(packets[-1].data))
-    assert angles == pytest.approx(np.degrees([1.0, 2.0, 0.5]))  # the library negates the pitch
+    assert angles == pytest.approx(np.degrees([1.0, 2.0, -0.5]))  # the library negates the pitch
     assert thrust == pytest.approx(16383, abs=1)
 
 

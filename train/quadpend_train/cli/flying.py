@@ -29,6 +29,7 @@ def fly(
     height: tuple[float, float] = (0.0, 10.0),
     speed: Length = 5.0,
     step: Annotated[float, Range(0.0, 10.0, "m")] = 0.5,
+    fence: Length = 2.0,
 ) -> None:
     """Fly a vehicle: motion capture by UDP, a policy in C with its supervisor, an autopilot by MSP.
 
@@ -49,6 +50,7 @@ def fly(
         height: Lowest and highest height of the vehicle's centre, m; beyond it is killed.
         speed: Of the vehicle's centre that kills, m/s.
         step: Distance by which a key moves the set point.
+        fence: Horizontal distance from where the flight began that kills, m.
     """
     import socket
 
@@ -62,13 +64,15 @@ def fly(
     from quadpend_train.links.terminal import keys_at_once, prefer
     from quadpend_train.links.thrust import ThrustTable
 
+    if (thrust is None) != (voltage == 0.0):
+        raise ValueError("--thrust needs --voltage, and --voltage needs --thrust")
     flown = Supervised(policy)
     if flown.designed["INTERFACE"] != "body_rates":
         raise ValueError(f"{policy} commands {flown.designed['INTERFACE']}; an autopilot takes body_rates")
     simulation = Simulation(vehicle=as_vehicle(vehicle or flown.designed["VEHICLE"]), interface="body_rates")
     if simulation.vehicle.name != flown.designed["VEHICLE"]:
         written = f"{policy} was written for the vehicle {flown.designed['VEHICLE']}, not {simulation.vehicle.name}"
-        print(f"Warning: {written}", file=sys.stderr)
+        raise ValueError(f"{written}: export it for your vehicle")
     limits = {"age": age, "pole_tilt": pole_tilt, "body_tilt": body_tilt, "distance": distance, "speed": speed}
     for name, value in {**limits, "lowest": height[0], "highest": height[1]}.items():
         setattr(flown.fields, name, value)
@@ -79,7 +83,7 @@ def fly(
             print("Warning: the system gives no real-time priority; see docs/first-flight.md", file=sys.stderr)
         print(flight.HELP, flush=True)
         with keys_at_once():
-            summary = flight.fly(flown, samples, link, log, step)
+            summary = flight.fly(flown, samples, link, log, step, fence)
     print(end="\n" if sys.stdout.isatty() else "")
     for sentence in summary.sentences():
         print(f"{sentence}.")
@@ -119,6 +123,9 @@ def simulate(
     from quadpend_train.links import autopilots, desk, receivers
     from quadpend_train.links.terminal import keys_at_once, prefer
 
+    every = round(1.0 / (rate * desk.PERIOD))
+    if abs(every * rate * desk.PERIOD - 1.0) > 1e-6:
+        raise ValueError(f"the rate must be 1000 divided by a whole number, such as 100 or 200, not {rate:g}")
     (flown,) = named_scenarios((scenario,), vehicle, "body_rates").values()
     simulated = desk.Desk(flown, seed, "rotors" if autopilot == "betaflight" else "body_rates")
     prefer()
@@ -130,4 +137,4 @@ def simulate(
             server = stack.enter_context(autopilots.listen(listen, socket.SOCK_STREAM))
             made = receivers.Direct(server, flown.simulation)
         stack.enter_context(keys_at_once())
-        print(desk.run(simulated, made, autopilots.parse_address(to), round(1.0 / (rate * desk.PERIOD)), delay))
+        print(desk.run(simulated, made, autopilots.parse_address(to), every, delay))

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import threading
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -20,7 +21,7 @@ _EXTRAS = {
     "pyulog": "logs",
 }  # of packages that are not in the extra train
 _LONGEST = 4000  # characters of a sentence
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _received: list[int] = []  # signals that ended this command
 
 
@@ -71,11 +72,12 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command line, by default with the arguments of the process, which then also handles SIGTERM.
 
     The exit status is 2 with one sentence on stderr after wrong input, 1 if a part of a study failed, 130 after Ctrl-C,
-    143 after SIGTERM, and 141 if the reader of the output, such as ``head``, has closed it.
+    143 after SIGTERM, 129 after SIGHUP, and 141 if the reader of the output, such as ``head``, has closed it.
     """
     if arguments is None:
         for number in _SIGNALS:
-            signal.signal(number, _interrupt)
+            if signal.getsignal(number) != signal.SIG_IGN:  # nohup
+                signal.signal(number, _interrupt)
         sys.unraisablehook = _interrupt_again
         _replace_unknown_characters()
     given = sys.argv[1:] if arguments is None else arguments
@@ -85,7 +87,8 @@ def main(arguments: list[str] | None = None) -> None:
         sys.stdout.flush()
     except KeyboardInterrupt as interruption:
         kept = str(interruption) or "what is finished is saved, and the same command continues"
-        print(f"\nInterrupted: {kept}", file=sys.stderr)
+        with suppress(OSError):  # the terminal is closed
+            print(f"\nInterrupted: {kept}", file=sys.stderr)
         sys.exit(128 + (_received or [signal.SIGINT])[0])
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit

@@ -8,6 +8,7 @@ period. The operator's keys are requests; the stage is that of the supervisor.
 import csv
 import gc
 import select
+import signal
 import socket
 import time
 from contextlib import suppress
@@ -19,7 +20,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_train.links.autopilots import Link
-from quadpend_train.links.motion_capture import SIZE, Receiver
+from quadpend_train.links.motion_capture import SIZE, Receiver, unpack
 from quadpend_train.links.supervised import FLY, HOLD, KILL, OFF, STAGES, Supervised
 from quadpend_train.links.terminal import END, pressed, show
 
@@ -32,6 +33,10 @@ _FIRST = 10.0  # s, to wait for the first sample
 _SHOWN = 0.2  # s, between two lines of the terminal
 _AFTER_KILL = 0.3  # s, for which a kill is repeated
 _REPEATS, _REPEATED = 10, 0.002  # at once, at these times (s): Betaflight disarms after four messages in a row
+_ASKED = 0.2  # s, for which a flight may be refused until the request is dropped
+_RESTART = 0.5  # s without newer samples, after which another sender is accepted where nothing flies
+_AHEAD = 1.5  # steps from the reference to a set point, at most
+_RELEASED = {"AGE", "HEIGHT", "SPEED", "BODY_TILT", "POLE_TILT"}  # kill in HOLD after a flight too
 
 KEYS = {  # request, and whether it is armed
     "a": (OFF, True),
@@ -65,6 +70,7 @@ class Operator:
     request: int = OFF
     is_armed: bool = False
     cause: str = ""  # of a kill
+    note: str = ""  # what was refused, until the next key
     has_ended: bool = False
     moves: Floats = field(default_factory=lambda: np.zeros(3))
 
@@ -75,6 +81,7 @@ class Operator:
     def press(self, key: str) -> None:
         """Take a key."""
         request, is_armed = KEYS.get(key, (KILL, False))
+        self.note = ""
         if key == END:
             self.kill("the terminal is closed")
         elif key == "q" and not self.is_armed:
@@ -83,6 +90,8 @@ class Operator:
             self.moves += MOVES[key]
         elif request == KILL or self.request == KILL or (request == OFF and self.request == FLY):
             self.kill(f"the key {key!r}")
+        elif request == FLY and self.request not in (HOLD, FLY):
+            self.note = "f comes after h"
         elif self.is_armed or request == OFF:
             self.request, self.is_armed = request, is_armed
 
@@ -108,7 +117,37 @@ class Summary(NamedTuple):
         return [*found, f"Killed: {self.cause}" if self.cause else "Not killed"]
 
 
-def fly(policy: Supervised, source: socket.socket, link: Link, path: Path, step: float) -> Summary:
+class _Samples:
+    """Samples of one sender, the first; where nothing flies, of another one after a silence."""
+
+    def __init__(self, source: socket.socket) -> None:
+        self._source, self._sender, self._heard = source, None, 0.0
+        self.receiver = Receiver()
+
+    def until(self, deadline: float, may_restart: bool) -> tuple[list[bytes], float, bool]:
+        """Return the datagrams of the sender until the deadline, when the last one arrived, and whether it is new."""
+        datagrams, arrived, is_new = list[bytes](), 0.0, False
+        for _ in range(_MOST):
+            if not select.select([self._source], [], [], max(deadline - time.monotonic(), 0.0))[0]:
+                break
+            with suppress(ValueError, BlockingIOError):
+                datagram, sender = self._source.recvfrom(SIZE + 1)
+                now = time.monotonic()
+                counter = unpack(datagram).counter
+                is_newer = self.receiver.is_newer(counter)
+                if self._sender is None:
+                    self._sender = sender
+                elif (sender != self._sender or not is_newer) and may_restart and now - self._heard > _RESTART:
+                    datagrams, is_new, self._sender, self.receiver.latest = [], True, sender, None
+                if sender == self._sender:
+                    self._heard = now if is_newer or is_new else self._heard
+                    datagrams.append(datagram)
+                    arrived = now
+        time.sleep(max(deadline - time.monotonic(), 0.0))  # after a flood
+        return datagrams, arrived, is_new
+
+
+def fly(policy: Supervised, source: socket.socket, link: Link, path: Path, step: float, fence: float = 2.0) -> Summary:
     """Fly until the operator ends or a kill.
 
     Args:
@@ -117,6 +156,7 @@ def fly(policy: Supervised, source: socket.socket, link: Link, path: Path, step:
         link: To the autopilot; it is closed at the end.
         path: Of the log, a new CSV file with `COLUMNS`.
         step: Distance by which a key moves the set point, m.
+        fence: Horizontal distance from where the flight began that kills, m.
     """
     if not select.select([source], [], [], _FIRST)[0]:
         raise ValueError(f"no sample arrives at port {source.getsockname()[1]} within {_FIRST:g} s")
@@ -125,17 +165,31 @@ def fly(policy: Supervised, source: socket.socket, link: Link, path: Path, step:
     gc.disable()  # its pauses are longer than a step
     try:
         with path.open("x", newline="", encoding="utf-8", buffering=1) as file:
-            return _fly(policy, source, link, csv.writer(file), step, operator)
+            return _fly(policy, source, link, csv.writer(file), (step, fence), operator)
+    except KeyboardInterrupt as interruption:
+        interruption.args = ("the autopilot was told to disarm",)
+        raise
     finally:
+        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
         gc.enable()
-        with suppress(OSError):
-            for _ in range(3):
+        for _ in range(_REPEATS):
+            with suppress(Exception):
                 link.send(np.zeros(4), False)
+            time.sleep(_REPEATED)
         link.close()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
 
 
-def _fly(policy: Supervised, source: socket.socket, link: Link, log: Any, step: float, operator: Operator) -> Summary:
-    period, receiver, fields = float(policy.designed["PERIOD"]), Receiver(), policy.fields
+def _fly(
+    policy: Supervised,
+    source: socket.socket,
+    link: Link,
+    log: Any,
+    distances: tuple[float, float],
+    operator: Operator,
+) -> Summary:
+    period, samples, fields = float(policy.designed["PERIOD"]), _Samples(source), policy.fields
+    receiver, place, waiting, asked = samples.receiver, _Place(*distances), None, 0.0
     late: list[float] = []
     delays: list[float] = []
     usual, shown_at, shown, goal, ending = np.inf, 0.0, "", np.zeros(3), np.inf
@@ -143,30 +197,45 @@ def _fly(policy: Supervised, source: socket.socket, link: Link, log: Any, step: 
     begin = time.monotonic()
     deadline = begin + _LEAD
     while not operator.has_ended and deadline < ending:
-        datagrams, arrived = _receive_until(source, deadline)
+        datagrams, arrived, is_new = samples.until(deadline, fields.stage in (OFF, HOLD))
         now = time.monotonic()
         if arrived:
             wrong = _FOLLOW * (deadline - arrived - _LEAD)
             deadline -= float(np.clip(wrong, -_FASTEST * period, _FASTEST * period))
+        if is_new:
+            usual, waiting, operator.note = np.inf, None, "there is a new sender of samples"
         sample, measurement = receiver.newest(datagrams), None
-        if sample is not None:
+        waiting = waiting if sample is None else (sample, arrived)
+        sample = None
+        if waiting is not None and now - deadline < period:  # the last of the steps that are made up for
+            (sample, arrived), waiting = waiting, None
             delay = arrived - sample.time
             usual = min(usual + _CLOCKS * period, delay)
             measurement = sample.measurement(delay - usual if delay - usual > period else 0.0)
         for key in pressed():
             operator.press(key)
-        if operator.request == FLY and fields.stage == HOLD and (link.motors() == 0.0).all():
+        if operator.request == FLY and fields.stage != FLY and (link.motors() == 0.0).all():
             operator.kill("the autopilot is not armed")
+        before = fields.stage
         status = policy.names(policy.step(measurement, operator.request))
+        asked = now if operator.request != FLY or fields.stage == FLY else asked
+        if now - asked > _ASKED and operator.request == FLY:
+            operator.request, operator.note = HOLD, f"no flight: {' '.join(status)}"
         if operator.is_armed and operator.request != KILL:
             _check(operator, policy, link, now - deadline)
+            if cause := place.cause(before, policy, status, None if sample is None else np.array(sample.position)):
+                operator.kill(cause)
             if operator.request == KILL:  # not a period later
                 status = list(dict.fromkeys([*status, *policy.names(policy.step(None, KILL))]))
         stage, reference = fields.stage, np.array(fields.reference[:3])
-        goal = (goal if stage == FLY else reference) + step * operator.moves
+        goal = goal if stage == FLY and before == FLY else reference
         if operator.moves.any():
-            policy.go_to(goal, fields.reference[21])  # refused where nothing flies
+            moved = goal + place.step * operator.moves
             operator.moves[:] = 0.0
+            if refused := place.refusal(moved, policy):
+                operator.note = f"the set point is refused: {refused}"
+            else:
+                policy.go_to(goal := moved, fields.reference[21])
         if stage == KILL:
             operator.kill(", ".join(policy.names(fields.cause)))
         try:
@@ -184,24 +253,56 @@ def _fly(policy: Supervised, source: socket.socket, link: Link, log: Any, step: 
         late.append(now - deadline)
         if sample is not None:
             delays.append(time.monotonic() - sample.time)
-        title = f"{STAGES[stage]}{'' if operator.is_armed else ', disarmed'} {operator.cause}"
+        title = f"{STAGES[stage]}{'' if operator.is_armed else ', disarmed'} {operator.cause or operator.note}"
         if title != shown or now - shown_at > _SHOWN:
-            place = " ".join(f"{x:6.2f}" for x in receiver.latest.position) if receiver.latest else ""
-            line = f"{now - begin:7.1f} s  {title:16}  age {1e3 * fields.blind:3.0f} ms  at {place}  {' '.join(status)}"
+            at = " ".join(f"{x:6.2f}" for x in receiver.latest.position) if receiver.latest else ""
+            line = f"{now - begin:7.1f} s  {title:16}  age {1e3 * fields.blind:3.0f} ms  at {at}  {' '.join(status)}"
             show(line, title != shown)
             shown, shown_at = title, now
         deadline += period
     return Summary(operator.cause, np.array(late), np.array(delays), receiver.lost)
 
 
-def _receive_until(source: socket.socket, deadline: float) -> tuple[list[bytes], float]:
-    """Return the datagrams that arrive until the deadline, and when the last one arrived; 0: none did."""
-    datagrams: list[bytes] = []
-    arrived = 0.0
-    while len(datagrams) < _MOST and select.select([source], [], [], max(deadline - time.monotonic(), 0.0))[0]:
-        datagrams.append(source.recv(SIZE + 1))
-        arrived = time.monotonic() if len(datagrams[-1]) == SIZE else arrived
-    return datagrams, arrived
+class _Place:
+    """Where a flight began and where it was released, for the fence, for set points, and for HOLD after a flight."""
+
+    def __init__(self, step: float, fence: float) -> None:
+        self.step, self._fence = step, fence
+        self._began: Floats | None = None
+        self._released: Floats | None = None
+        self._latest: Floats | None = None
+
+    def cause(self, before: int, policy: Supervised, status: list[str], position: Floats | None) -> str:
+        """Return why a step kills, or nothing. HOLD after a flight is in a hand: it must stay there."""
+        stage, position = policy.fields.stage, None if "BLIND" in status else position
+        self._latest = self._latest if position is None else position
+        if stage != before and stage == FLY:
+            self._began, self._released = self._latest, None
+        elif stage != before:
+            self._released = self._latest if before == FLY and stage == HOLD else None
+        if self._released is not None and (beyond := sorted(_RELEASED.intersection(status))):
+            return f"{', '.join(beyond)} after the release"
+        if position is None:
+            return ""
+        if self._released is not None and np.linalg.norm(position - self._released) > policy.fields.distance:
+            return "the vehicle moved after the release"
+        if stage == FLY and not self._is_inside(position):
+            return "the vehicle is beyond the fence"
+        return ""
+
+    def refusal(self, goal: Floats, policy: Supervised) -> str:
+        """Return why a set point is refused, or nothing."""
+        fields = policy.fields
+        if fields.stage != FLY:
+            return "nothing flies"
+        if not fields.lowest < goal[2] < fields.highest:
+            return "its height"
+        if np.linalg.norm(goal - fields.reference[:3]) > _AHEAD * self.step:
+            return "the one before is not reached"
+        return "" if self._is_inside(goal) else "it is beyond the fence"
+
+    def _is_inside(self, position: Floats) -> bool:
+        return self._began is None or bool(np.linalg.norm(position[:2] - self._began[:2]) <= self._fence)
 
 
 def _check(operator: Operator, policy: Supervised, link: Link, late: float) -> None:

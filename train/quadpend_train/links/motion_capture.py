@@ -70,6 +70,10 @@ class Receiver:
         self.latest: Sample | None = None
         self.lost = self.late = self.foreign = 0
 
+    def is_newer(self, counter: int) -> bool:
+        """Whether a counter is that of a sample after the latest."""
+        return self.latest is None or 0 < (counter - self.latest.counter) % 2**32 < 2**31
+
     def newest(self, datagrams: Iterable[bytes]) -> Sample | None:
         """Return the newest of the samples that arrived since the last call; None if none is newer than the latest."""
         found = None
@@ -79,10 +83,9 @@ class Receiver:
             except ValueError:
                 self.foreign += 1
                 continue
-            ahead = 1 if self.latest is None else (sample.counter - self.latest.counter) % 2**32
-            if not 0 < ahead < 2**31:
+            if not self.is_newer(sample.counter):
                 self.late += 1
                 continue
-            self.lost += ahead - 1
+            self.lost += 0 if self.latest is None else (sample.counter - self.latest.counter - 1) % 2**32
             self.latest = found = sample
         return found

@@ -15,7 +15,7 @@ def pressed() -> list[str]:
     stream = sys.stdin.fileno()
     while select.select([stream], [], [], 0.0)[0]:
         data = os.read(stream, 64).decode(errors="replace")
-        keys += [key for key in data if key not in "\r\n"] or ([] if data else [END])
+        keys += [*data] or [END]
         if not data:
             break
     return keys
