@@ -340,6 +340,26 @@ def test_a_refused_flight_does_not_begin_later(lqg: Path, tmp_path: Path, monkey
     assert any("the set point is refused: nothing flies" in line for line in shown)
 
 
+def test_the_last_of_the_late_steps_gets_the_sample(
+    lqg: Path, breeze: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    datagram, steps, (_, port) = pack(seen(Desk(breeze, 0), 1)), iter(range(1000)), flights.free_ports()
+    with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+
+        def pressed() -> list[str]:
+            if (k := next(steps)) == 5:
+                sender.sendto(datagram, source.getsockname())
+                time.sleep(0.035)
+            return ["q"] if k == 15 else []
+
+        monkeypatch.setattr(flight, "pressed", pressed)
+        sender.sendto(b"sample", source.getsockname())
+        flight.fly(Supervised(lqg), source, Faulty(""), tmp_path / "log.csv", 0.5)
+    log = pd.read_csv(tmp_path / "log.csv")
+    assert log.late.max() > 0.02
+    assert log.late[log.x.notna()].tolist() == [pytest.approx(0.005, abs=0.005)]
+
+
 def test_set_points_and_flights_have_a_fence_and_what_is_released_must_stay(lqg: Path) -> None:
     policy, place, origin = Supervised(lqg), flight._Place(0.5, 2.0), np.array([1.0, 1.0, 1.0])
     fields = policy.fields
