@@ -59,5 +59,5 @@ def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
 
 
 def test_only_c_files_are_supervised() -> None:
-    with pytest.raises(ValueError, match="supervised: takes a C file of `quadpend export`.*, not 'lqg'"):
+    with pytest.raises(ValueError, match=r"supervised: takes a C file of `quadpend export`.*, not 'lqg'"):
         load_policy("supervised:lqg")
