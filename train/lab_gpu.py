@@ -29,7 +29,7 @@ from torch import Tensor, nn
 from quadpend_baselines.hybrid.lab import FOLLOWING, LAB_SIZE, REMEMBERED_SIZE
 from quadpend_baselines.policy.told import scaled_pole
 from quadpend_gym import __version__
-from quadpend_gym.device.env import Motion, QuadPendulumDeviceEnv
+from quadpend_gym.device.env import Kernel, Motion, QuadPendulumDeviceEnv
 from quadpend_gym.device.library import Library
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.rigid_settings import nominal_loop
@@ -324,10 +324,11 @@ class Flight:
 
     def _nominal(self) -> tuple[Tensor, Tensor]:
         """Return the loop of the scenarios that draw none, and when each action acts in it."""
-        env = QuadPendulumDeviceEnv(1, training_scenario("wind"), device="c", kernel=self.args.kernels / "env wind.c")
-        loop = [*nominal_loop(env.scenario.simulation)[:LOOP_SIZE], 0.0]
+        scenario = training_scenario("wind")
+        sizes = Kernel.of(scenario, self.args.kernels / "env wind.c").sizes
+        loop = [*nominal_loop(scenario.simulation)[:LOOP_SIZE], 0.0]
         ages = np.arange(self.motion.sizes["slots"] - 1, -1, -1)
-        arrival = np.where(ages < env.sizes["slots"], env.sizes["delay"] - env.sizes["substeps"] * ages, NEVER)
+        arrival = np.where(ages < sizes["slots"], sizes["delay"] - sizes["substeps"] * ages, NEVER)
         loops, arrivals = (
             torch.tensor(list(item), dtype=torch.float32, device=self.device) for item in (loop, arrival)
         )

@@ -61,7 +61,7 @@ from quadpend_gym.tasks.observation import (
 )
 from quadpend_gym.tasks.references import CHANNELS, REFERENCE_SIZE, draw_reference
 from quadpend_gym.tasks.starts import StartPole, draw_start, start_pole
-from quadpend_gym.tasks.trajectories import is_one_term, reference_at
+from quadpend_gym.tasks.trajectories import Reference, reference_at
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 from quadpend_gym.wind.base import SAMPLE_SIZE, can_hold
@@ -207,7 +207,7 @@ class _Generator:
             )
         if scenario.loop is not None and scenario.loop.rotor_lag is not None:
             raise ValueError("device: the generated kernel does not draw loop.rotor_lag: leave it out")
-        if self.task.trajectory is not None and not is_one_term(self.task.trajectory):
+        if self.task.trajectory is not None and not isinstance(self.task.trajectory, Reference):
             raise ValueError("device: the generated kernel has no waypoints: take a Reference")
         self.plant, self.holds = plant_of(self.simulation), can_hold(scenario.wind_models)
         self.kernel = self.plant.held_kernel if self.holds else self.plant.kernel

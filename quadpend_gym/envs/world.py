@@ -57,7 +57,7 @@ from quadpend_gym.tasks.observation import ALL, FULL
 from quadpend_gym.tasks.references import CHANNELS, POINT_CHANNELS, REFERENCE_SIZE, draw_references
 from quadpend_gym.tasks.rewards import steady_share
 from quadpend_gym.tasks.starts import draw_starts, start_pole
-from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable, is_one_term
+from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable
 from quadpend_gym.vehicles import PARAMETER_NAMES
 from quadpend_gym.vehicles.parameters import BOB_MASS, ROD_LENGTH
 from quadpend_gym.wind import HAND, SAMPLE_SIZE, WIND_FIELDS, WIND_SIZE
@@ -250,11 +250,11 @@ class World:
         if not fixed and self.task.trajectory is not None:
             fixed = (self.task.trajectory,)
         if fixed:
-            arrays = [item.as_array() if is_one_term(item) else np.zeros(REFERENCE_SIZE) for item in fixed]
+            arrays = [item.as_array() if isinstance(item, Reference) else np.zeros(REFERENCE_SIZE) for item in fixed]
             self.reference[rows] = arrays
         else:
             draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
-        followed = [None if is_one_term(item) else item for item in fixed or (None,)]
+        followed = [None if isinstance(item, Reference) else item for item in fixed or (None,)]
         if self._trajectories.assign(rows, followed):
             self._memory[:, MEMORY_TRAJECTORY] = self._trajectories.first
 

@@ -20,7 +20,7 @@ Packed waypoints are a flat array. Many of them stand one after the other in the
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
-from typing import Annotated, Any, Literal, TypeGuard
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator
@@ -292,11 +292,6 @@ class Waypoints(_Packed):
 
 Trajectory = Reference | Waypoints
 KINDS: dict[str, type[Waypoints] | type[Reference]] = {"waypoints": Waypoints, "sinusoids": Reference}
-
-
-def is_one_term(trajectory: Any) -> TypeGuard[Reference]:
-    """Return whether a trajectory is a `Reference`, which its array determines."""
-    return isinstance(trajectory, Reference)
 
 
 def as_trajectory(value: Any, name: str) -> Trajectory:

@@ -54,14 +54,14 @@ _TWICE = 3  # of them have N, too
 _FAR, _SPEED = 0.03, 3.0  # of (1), m and m/s
 _SAME = 1e-6  # a sample that differs by less repeats the one before
 _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
-_OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0])  # scales
+_OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0])  # scales
 _MEASURED, _SIZE = 8, len(_SCALE)
 _LAGS = _SIZE * len(_TIMES)
 _FILTERED = _LAGS + _SIZE * _TWICE
 _LAG, _FOLLOWING = _SIZE, _SIZE + _FILTERED  # places in the inputs
 FOLLOWING = slice(_FOLLOWING, _FOLLOWING + ACTION_SIZE)  # a_d, to which the policy's action is added
 _MOTION = _FOLLOWING + ACTION_SIZE
-_GAP = _MOTION + 7
+_GAP = _MOTION + len(_OF_REFERENCE)
 LAB_SIZE = _GAP + 3
 # Memory: x, L, N, the last sample's position and direction, the time since, and 1 after the first step of an episode
 _SAMPLE = _SIZE + _FILTERED
@@ -95,7 +95,7 @@ def _deviations(
         for i in range(3):
             out[row, i], out[row, 5 + i] = tracking[i] / _SCALE[i], error.euler[i] / _SCALE[5 + i]
             out[row, _MOTION + i] = acceleration[i] / _OF_REFERENCE[i]
-            out[row, _MOTION + 4 + i] = velocity[i] / _OF_REFERENCE[4]
+            out[row, _MOTION + 4 + i] = velocity[i] / _OF_REFERENCE[4 + i]
         for i in range(2):
             out[row, 3 + i] = error.direction[i] / _SCALE[3 + i]
             out[row, _GAP + 1 + i] = seen[row, _POLE + i]

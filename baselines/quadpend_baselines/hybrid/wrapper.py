@@ -84,7 +84,7 @@ class VectorHybridWrapper(VectorWrapper):
 
     @property
     def built_on(self) -> Floats32:
-        """Actions to which the policy's actions are added, shape (num_envs, 4), see `Hybrid.builds_on`."""
+        """Actions on which the policy builds, shape (num_envs, 4), see `Hybrid.builds_on`."""
         if self.memory is None:
             raise ResetNeeded("reset must be called before built_on")
         return self.memory.base_action

@@ -38,7 +38,7 @@ from quadpend_gym.randomization import LoopRanges
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.references import POINT_SIZE
 from quadpend_gym.tasks.task import Limits
-from quadpend_gym.tasks.trajectories import is_one_term
+from quadpend_gym.tasks.trajectories import Reference
 from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.wind import WIND_SIZE
@@ -118,7 +118,7 @@ def check_covered(name: str, scenario: Scenario) -> None:
     if scenario.loop is not None and scenario.simulation.vehicle.attitude != "rigid":
         raise ValueError(f"algo 'apg' draws the loop of rigid vehicles only, not that of the scenario {name}")
     trajectory = scenario.task.trajectory
-    if scenario.task.jumps is not None and trajectory is not None and not is_one_term(trajectory):
+    if scenario.task.jumps is not None and trajectory is not None and not isinstance(trajectory, Reference):
         raise ValueError(f"algo 'apg' cannot have task.jumps with waypoints (scenario {name})")
     if scenario.task.pendulum != "upright" or scenario.task.reward.pendulum_first > 0.0:
         raise ValueError(f"algo 'apg' balances an upright pendulum only, not the task of the scenario {name}")
@@ -216,7 +216,7 @@ def reference_points(scenarios: Sequence[Scenario], reference: Floats, time: Flo
     parts = zip(scenarios, *(np.split(array, len(scenarios)) for array in (points, time)), strict=True)
     for scenario, point, t in parts:
         trajectory = scenario.task.trajectory
-        if trajectory is not None and not is_one_term(trajectory):
+        if trajectory is not None and not isinstance(trajectory, Reference):
             derivatives = trajectory.derivatives(t)
             point[:, :-3], point[:, -3:] = derivatives[:, :, :3].reshape(len(t), -1), derivatives[:, :3, 3]
     return points
