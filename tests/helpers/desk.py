@@ -58,7 +58,8 @@ def fly_on_the_desk(
     autopilot: str = "direct",
 ) -> Flown:
     """Press keys of ``fly`` and ``desk`` at times (s) after the first step; the key ``KILL`` ends the process `fly`."""
-    (folder / "log.csv").unlink(missing_ok=True)
+    for name in ("log.csv", "log.toml"):
+        (folder / name).unlink(missing_ok=True)
     tcp, udp = free_ports()
     link = tcp if autopilot == "direct" else MSP_PORT
     command = [sys.executable, "-m", "quadpend_train"]

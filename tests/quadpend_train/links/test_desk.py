@@ -3,6 +3,7 @@
 import os
 import pty
 import socket
+import sys
 import time
 from contextlib import closing
 from pathlib import Path
@@ -21,19 +22,22 @@ from quadpend_train.cli.main import main
 from quadpend_train.export.to_c import export_c
 from quadpend_train.flight_logs.log import Columns
 from quadpend_train.flight_logs.readers import read_log
-from quadpend_train.links import flight
+from quadpend_train.links import flight, motion_capture
 from quadpend_train.links.autopilots import Link, Msp, listen, open_link, parse_address
 from quadpend_train.links.desk import PERIOD, Desk
 from quadpend_train.links.flight import Operator
+from quadpend_train.links.motion_capture import Receiver as Samples
 from quadpend_train.links.motion_capture import Sample, pack
 from quadpend_train.links.msp import MOTOR, Reader, channels_of, command_of, request, set_raw_rc
 from quadpend_train.links.receivers import Receiver
 from quadpend_train.links.supervised import FLY, HOLD, KILL, OFF, Supervised
-from quadpend_train.links.terminal import END
+from quadpend_train.links.terminal import END, keys_at_once, pressed
+from quadpend_train.links.thrust import ThrustCurve
 from quadpend_train.policies.loading import load_policy
 from tests.helpers import desk as flights
 
 HOVER = np.array([6.86, 0.0, 0.0, 0.0])
+LINEAR = ThrustCurve((0.0, 1.0), (0.2, 3.8))  # of the hummingbird
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +94,7 @@ def test_keys_move_the_set_point_end_and_a_closed_terminal_kills() -> None:
 
 def test_channels_are_the_command_again(breeze: Scenario) -> None:
     given = np.array([8.0, 1.0, -2.0, 0.7])
-    channels = channels_of(given, True, breeze.simulation)
+    channels = channels_of(given, True, breeze.simulation, LINEAR)
     assert command_of(channels, breeze.simulation) == pytest.approx(given, abs=0.015)
 
 
@@ -98,7 +102,7 @@ def test_a_receiver_arms_at_the_lowest_throttle_and_disarms_without_channels(bre
     receiver, now = Receiver(breeze.simulation), 0.0
 
     def take(command: Floats, is_armed: bool) -> bool:
-        receiver.take(set_raw_rc(channels_of(command, is_armed, breeze.simulation)), now, b"")
+        receiver.take(set_raw_rc(channels_of(command, is_armed, breeze.simulation, LINEAR)), now, b"")
         return receiver.is_armed
 
     assert not take(np.zeros(4), True)  # the switch was on before the first message
@@ -121,7 +125,7 @@ def test_a_receiver_arms_at_the_lowest_throttle_and_disarms_without_channels(bre
 def test_a_link_sends_channels_reads_motors_and_notices_its_end(breeze: Scenario) -> None:
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
-    link, receiver = Msp(ours.detach(), breeze.simulation, None, 0.0), Receiver(breeze.simulation)
+    link, receiver = Msp(ours.detach(), breeze.simulation, LINEAR), Receiver(breeze.simulation)
     with theirs:
         for is_armed in (False, True):
             link.send(np.zeros(4), is_armed)
@@ -138,9 +142,9 @@ def test_a_link_sends_channels_reads_motors_and_notices_its_end(breeze: Scenario
 
 def test_a_serial_port_is_a_link(breeze: Scenario) -> None:
     autopilot, port = pty.openpty()
-    with closing(open_link(f"msp:{os.ttyname(port)}", breeze.simulation)) as link:
+    with closing(open_link(f"msp:{os.ttyname(port)}", breeze.simulation, LINEAR)) as link:
         link.send(HOVER, False)
-        expected = set_raw_rc(channels_of(HOVER, False, breeze.simulation)) + request(MOTOR)
+        expected = set_raw_rc(channels_of(HOVER, False, breeze.simulation, LINEAR)) + request(MOTOR)
         assert os.read(autopilot, 4096) == expected
     os.close(autopilot)
     os.close(port)
@@ -148,7 +152,7 @@ def test_a_serial_port_is_a_link(breeze: Scenario) -> None:
 
 def own_link(simulation: Simulation) -> Link:
     """A link of a user's own."""
-    return Msp(os.dup(0), simulation, None, 0.0)
+    return Msp(os.dup(0), simulation, LINEAR)
 
 
 def no_link(simulation: Simulation) -> object:
@@ -166,13 +170,13 @@ def no_link(simulation: Simulation) -> object:
 )
 def test_a_wrong_link_is_refused_in_a_sentence(name: str, message: str, breeze: Scenario) -> None:
     with pytest.raises(ValueError, match=message):
-        open_link(name, breeze.simulation)
+        open_link(name, breeze.simulation, LINEAR)
 
 
 def test_addresses_and_links_of_ones_own(breeze: Scenario) -> None:
     assert parse_address("9101") == ("127.0.0.1", 9101)
     assert parse_address("10.0.0.2:5761") == ("10.0.0.2", 5761)
-    open_link(f"{__name__}:own_link", breeze.simulation).close()
+    open_link(f"{__name__}:own_link", breeze.simulation, LINEAR).close()
 
 
 def seen(desk: Desk, steps: int) -> Sample:
@@ -245,7 +249,7 @@ def test_a_log_that_exists_and_a_port_in_use_are_refused(lqg: Path, tmp_path: Pa
         ours, theirs = socket.socketpair()
         ours.setblocking(False)
         with theirs, pytest.raises(FileExistsError):
-            flight.fly(Supervised(lqg), source, Msp(ours.detach(), breeze.simulation, None, 0.0), lqg, 0.5)
+            flight.fly(Supervised(lqg), source, Msp(ours.detach(), breeze.simulation, LINEAR), LINEAR, lqg, 0.5)
 
 
 class Faulty:
@@ -288,12 +292,32 @@ def test_faults_of_a_link_kill(
         desk = Desk(breeze, 0)
         for _ in range(3):  # that wait for the first steps
             sender.sendto(pack(seen(desk, 1)), source.getsockname())
-        summary = flight.fly(Supervised(lqg), source, link, tmp_path / "log.csv", 0.5)
+        summary = flight.fly(Supervised(lqg), source, link, LINEAR, tmp_path / "log.csv", 0.5)
     assert summary.cause == cause
     assert link.is_closed
     assert [sent[-1] for sent in link.sent[-3:]] == [False] * 3
     assert not np.any([sent[:-1] for sent in link.sent[-3:]])
     assert pd.read_csv(tmp_path / "log.csv").cause.iloc[-1] == cause
+
+
+@pytest.mark.parametrize(
+    ("late", "cause"),
+    [(0.0, "the autopilot has not answered for 100 ms"), (0.05, ""), (0.08, "a step was late by 80 ms")],
+)
+def test_a_late_step_is_not_taken_for_a_silent_link(late: float, cause: str, lqg: Path) -> None:
+    operator = Operator()
+    flight._check(operator, Supervised(lqg), Faulty("silent"), late)
+    assert operator.cause == cause
+
+
+def test_ctrl_s_is_a_key_and_does_not_stop_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal, port = pty.openpty()
+    with os.fdopen(port) as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        with keys_at_once():
+            os.write(terminal, b"\x13x")
+            assert pressed() == ["\x13", "x"]
+    os.close(terminal)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, OSError])
@@ -316,7 +340,7 @@ def test_an_interruption_and_an_error_disarm_with_messages_in_a_row(
     with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.sendto(b"sample", source.getsockname())
         with pytest.raises(error) as raised:
-            flight.fly(Supervised(lqg), source, link, tmp_path / "log.csv", 0.5)
+            flight.fly(Supervised(lqg), source, link, LINEAR, tmp_path / "log.csv", 0.5)
     assert error is not KeyboardInterrupt or str(raised.value) == "the autopilot was told to disarm"
     last = at[-4:]
     assert not any(is_armed for _, is_armed in last)
@@ -334,7 +358,7 @@ def test_a_refused_flight_does_not_begin_later(lqg: Path, tmp_path: Path, monkey
     _, port = flights.free_ports()
     with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.sendto(b"sample", source.getsockname())  # motion capture sees nothing
-        summary = flight.fly(Supervised(lqg), source, link, tmp_path / "log.csv", 0.5)
+        summary = flight.fly(Supervised(lqg), source, link, LINEAR, tmp_path / "log.csv", 0.5)
     assert summary.cause == ""
     assert any("HOLD no flight: BLIND" in line for line in shown)
     assert any("the set point is refused: nothing flies" in line for line in shown)
@@ -354,7 +378,7 @@ def test_the_last_of_the_late_steps_gets_the_sample(
 
         monkeypatch.setattr(flight, "pressed", pressed)
         sender.sendto(b"sample", source.getsockname())
-        flight.fly(Supervised(lqg), source, Faulty(""), tmp_path / "log.csv", 0.5)
+        flight.fly(Supervised(lqg), source, Faulty(""), LINEAR, tmp_path / "log.csv", 0.5)
     log = pd.read_csv(tmp_path / "log.csv")
     assert log.late.max() > 0.02
     assert log.late[log.x.notna()].tolist() == [pytest.approx(0.005, abs=0.005)]
@@ -392,34 +416,50 @@ def test_samples_are_those_of_one_sender_until_it_is_silent_where_nothing_flies(
     sample, (_, port) = seen(Desk(breeze, 0), 1), flights.free_ports()
     kind = socket.AF_INET, socket.SOCK_DGRAM
     with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(*kind) as one, socket.socket(*kind) as other:
-        samples = flight._Samples(source)
+        receiver = Samples()
 
-        def counters(sender: socket.socket, counter: int, may_restart: bool) -> tuple[list[int], bool]:
+        def counters(sender: socket.socket, counter: int, may_restart: bool) -> tuple[list[int], int]:
             sender.sendto(pack(sample._replace(counter=counter)), source.getsockname())
-            datagrams, _, is_new = samples.until(time.monotonic() + 0.02, may_restart)
-            found = samples.receiver.newest(datagrams)
-            return [] if found is None else [found.counter], is_new
+            found, _ = flight._until(time.monotonic() + 0.02, source, receiver, may_restart)
+            return [] if found is None else [found.counter], receiver.restarts
 
-        assert counters(one, 7, True) == ([7], False)
-        assert counters(other, 9, True) == ([], False)
-        assert counters(one, 8, True) == ([8], False)
-        monkeypatch.setattr(flight, "_RESTART", 0.0)
-        assert counters(other, 0, False) == ([], False)  # in flight
-        assert counters(other, 0, True) == ([0], True)
-        assert counters(one, 9, False) == ([], False)
-        begin = time.monotonic()
-        for _ in range(150):
+        assert counters(one, 7, True) == ([7], 0)
+        assert counters(other, 9, True) == ([], 0)
+        assert counters(one, 8, True) == ([8], 0)
+        monkeypatch.setattr(motion_capture, "_RESTART", 0.0)
+        assert counters(other, 0, False) == ([], 0)  # in flight
+        assert counters(other, 0, True) == ([0], 1)
+        assert counters(one, 9, False) == ([], 1)
+        for _ in range(200):  # a flood does not hide a sample
             one.sendto(b"flood", source.getsockname())
-        samples.until(begin + 0.1, False)
-        assert time.monotonic() - begin >= 0.1
+        begin = time.monotonic()
+        assert counters(other, 1, False) == ([1], 1)
+        assert time.monotonic() - begin >= 0.02
+        assert receiver.foreign == 203
 
 
-def test_wrong_input_is_one_sentence(lqg: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_input_is_one_sentence(lqg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    late_by_nothing = tmp_path / "policy.c"
+    for name in ("policy.c", "policy.h"):
+        text = (lqg.parent / name).read_text(encoding="utf-8").replace("_LATENCY 0.02", "_LATENCY 0.0")
+        (tmp_path / name).write_text(text, encoding="utf-8")
     for arguments, message in {
         ("fly", "none.c", "--to", "msp:1"): "there must be a C file none.c",
         ("fly", str(lqg), "--to", "1"): "a link must be msp:HOST:PORT",
         ("fly", str(lqg), "--to", "msp:1", "--thrust", "t.toml"): "--thrust needs --voltage",
         ("fly", str(lqg), "--to", "msp:1", "--vehicle", "racer"): "was written for the vehicle hummingbird, not",
+        ("fly", str(lqg), "--to", "msp:/dev/null"): "/dev/null is no serial port: ",
+        (
+            "fly",
+            str(lqg),
+            "--to",
+            "msp:1",
+            "--height",
+            "5",
+            "1",
+        ): "--height must be the lowest and the highest height, not 5 1",
+        ("fly", str(lqg), "--to", "msp:1", "--height", "nan", "1"): "height must be 2 finite numbers from -10000 to",
+        ("fly", str(late_by_nothing), "--to", "msp:1"): "was written for no latency, which no flight has: export it",
         ("simulate", "--rate", "150"): "the rate must be 1000 divided by a whole number",
         ("simulate", "--listen", "here"): "an address must be HOST:PORT or PORT",
         ("simulate", "--scenario", '{"vehicle": "hummingbird"}'): "has no sensors: samples without noise count as",

@@ -15,7 +15,7 @@ import pytest
 from quadpend_gym.autopilots.firmware import find_binary
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_train.links.motion_capture import SIZE, Receiver, Sample, pack, unpack
-from quadpend_train.links.msp import Message, Reader, channels_of, request, set_raw_rc
+from quadpend_train.links.msp import Message, Reader, channels_of, linear, request, set_raw_rc
 from quadpend_train.links.thrust import ThrustTable
 
 SAMPLE = Sample(7, 1.5, (1.0, -2.0, 0.5), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -37,24 +37,33 @@ def test_a_sample_has_the_documented_bytes() -> None:
     assert SAMPLE.measurement(0.02).tolist() == [*numbers, 0.02]
 
 
+def taken(receiver: Receiver, *datagrams: bytes) -> list[Sample]:
+    """The samples that one sender brings."""
+    return [sample for each in datagrams if (sample := receiver.take(each, "sender", 0.0, False))]
+
+
 @pytest.mark.parametrize("datagram", [b"", BYTES[:-1], BYTES + b"\0", b"QPM2" + BYTES[4:]])
 def test_what_is_no_sample_is_refused_and_counted(datagram: bytes) -> None:
     with pytest.raises(ValueError, match="a sample has 96 bytes and begins with b'QPM1', not"):
         unpack(datagram)
     receiver = Receiver()
-    assert receiver.newest([datagram]) is None
-    assert receiver.newest([datagram, BYTES]) == SAMPLE
+    assert taken(receiver, datagram, datagram, BYTES) == [SAMPLE]
     assert receiver.foreign == 2
 
 
 def test_the_newest_of_lost_late_and_doubled_samples_is_found() -> None:
     receiver, late = Receiver(), [SAMPLE._replace(counter=k % 2**32) for k in range(2**32 - 2, 2**32 + 4)]
-    assert receiver.newest([]) is None
-    assert receiver.newest(map(pack, [late[0]])) == late[0]
-    assert receiver.newest(map(pack, [late[3], late[2], late[3]])) == late[3]  # beyond the last counter
-    assert receiver.newest(map(pack, [late[1]])) is None
-    assert receiver.newest(map(pack, late[4:])) == late[5]
+    assert taken(receiver, pack(late[0])) == late[:1]
+    assert taken(receiver, *map(pack, [late[3], late[2], late[3]])) == late[3:4]  # beyond the last counter
+    assert taken(receiver, pack(late[1])) == []
+    assert taken(receiver, *map(pack, late[4:])) == late[4:]
     assert (receiver.lost, receiver.late, receiver.foreign) == (2, 3, 0)
+
+
+def test_a_sample_is_shown_with_the_signs_of_the_frames() -> None:
+    assert SAMPLE.shown() == "  at   1.00  -2.00   0.50 m  roll    0 pitch    0 yaw    0  pole   0°"
+    turned = SAMPLE._replace(quaternion=(np.cos(0.1), 0.0, np.sin(0.1), 0.0), direction=(0.0, np.sin(0.2), np.cos(0.2)))
+    assert "roll    0 pitch   11 yaw    0  pole  11°" in turned.shown()  # nose down
 
 
 def test_a_message_with_channels_has_the_bytes_of_the_protocol() -> None:
@@ -87,16 +96,17 @@ def test_replies_are_found_in_pieces_and_between_other_bytes() -> None:
 def test_channels_have_the_signs_and_the_scale_of_the_firmware() -> None:
     simulation = find_scenarios(["flight_breeze"])["flight_breeze"].simulation
     hover = simulation.command_scale[0]
-    channels = channels_of(np.array([hover, 1.0, 2.0, -3.0]), True, simulation)
+    channels = channels_of(np.array([hover, 1.0, 2.0, -3.0]), True, simulation, linear(simulation))
     assert len(channels) == 8
     assert channels[:2] == [1500 + round(500 / np.radians(580)), 1500 + round(1000 / np.radians(580))]
     assert channels[3:] == [1500 + round(1500 / np.radians(180)), 2000, 1000, 1000, 1000]
-    assert channels_of(np.zeros(4), False, simulation)[2:5] == [1000, 1500, 1000]
+    assert channels_of(np.zeros(4), False, simulation, linear(simulation))[2:5] == [1000, 1500, 1000]
     table = ThrustTable(throttles=(0.0, 0.5, 1.0), voltages=(14.0, 16.0), thrusts=((0.0, 1.0, 3.0), (0.0, 2.0, 4.0)))
     for voltage, throttle in ((14.0, 0.75), (16.0, 0.5), (15.0, 0.5 + 0.5 * 0.5 / 2.0), (99.0, 0.5)):
-        channels = channels_of(np.array([8.0, 0.0, 0.0, 0.0]), True, simulation, table, voltage)
+        channels = channels_of(np.array([8.0, 0.0, 0.0, 0.0]), True, simulation, table.at(voltage))
         assert channels[2] == round(1005 + 995 * throttle)
-    assert channels_of(np.array([99.0, 0, 0, 0]), True, simulation, table, 14.0)[2] == 2000
+    assert table.at(14.0).thrust([0.25, 0.75]).tolist() == [0.5, 2.0]
+    assert channels_of(np.array([99.0, 0, 0, 0]), True, simulation, table.at(14.0))[2] == 2000
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ def fly(
     pole_tilt: Angle = 0.785,
     body_tilt: Angle = 1.05,
     distance: Length = 0.5,
-    height: tuple[float, float] = (0.0, 10.0),
+    height: Annotated[tuple[float, float], Range(-1e4, 1e4, "m")] = (0.0, 10.0),
     speed: Length = 5.0,
     step: Annotated[float, Range(0.0, 10.0, "m")] = 0.5,
     fence: Length = 2.0,
@@ -40,7 +40,7 @@ def fly(
         to: The autopilot: msp:HOST:PORT, msp:/dev/ttyACM0, or module:function of your own.
         source: Address at which samples of motion capture arrive.
         vehicle: Preset or TOML file with the rates and the thrusts of the autopilot; default: that of the policy.
-        log: New CSV file for motion capture, motors, commands and status.
+        log: New CSV file for motion capture, motors, commands and status. NAME.toml beside it is for identify.
         thrust: TOML file of throttles, voltages and the measured thrusts of a rotor; default: linear in the throttle.
         voltage: Of the battery, for the file of thrusts.
         age: Time without a usable sample that kills.
@@ -60,34 +60,50 @@ def fly(
     from quadpend_gym.vehicles.vehicle import as_vehicle
     from quadpend_train.links import flight
     from quadpend_train.links.autopilots import listen, open_link
+    from quadpend_train.links.msp import linear
     from quadpend_train.links.supervised import Supervised
     from quadpend_train.links.terminal import keys_at_once, prefer
     from quadpend_train.links.thrust import ThrustTable
 
     if (thrust is None) != (voltage == 0.0):
         raise ValueError("--thrust needs --voltage, and --voltage needs --thrust")
+    if height[0] >= height[1]:
+        raise ValueError(f"--height must be the lowest and the highest height, not {height[0]:g} {height[1]:g}")
     flown = Supervised(policy)
     if flown.designed["INTERFACE"] != "body_rates":
         raise ValueError(f"{policy} commands {flown.designed['INTERFACE']}; an autopilot takes body_rates")
     simulation = Simulation(vehicle=as_vehicle(vehicle or flown.designed["VEHICLE"]), interface="body_rates")
     if simulation.vehicle.name != flown.designed["VEHICLE"]:
         written = f"{policy} was written for the vehicle {flown.designed['VEHICLE']}, not {simulation.vehicle.name}"
-        raise ValueError(f"{written}: export it for your vehicle")
+        raise ValueError(f"{written}: export it with --vehicle")
+    period, latency = float(flown.designed["PERIOD"]), float(flown.designed["LATENCY"])
+    if latency == 0.0:
+        raise ValueError(f"{policy} was written for no latency, which no flight has: export it with yours by --latency")
+    columns = log.with_suffix(".toml")
+    if columns.exists():
+        raise FileExistsError(f"{columns} exists already: choose another name with --log")
     limits = {"age": age, "pole_tilt": pole_tilt, "body_tilt": body_tilt, "distance": distance, "speed": speed}
     for name, value in {**limits, "lowest": height[0], "highest": height[1]}.items():
         setattr(flown.fields, name, value)
-    table = None if thrust is None else parse(ThrustTable, read_toml(thrust), "thrust")
+    curve = linear(simulation) if thrust is None else parse(ThrustTable, read_toml(thrust), "thrust").at(voltage)
     with listen(source, socket.SOCK_DGRAM) as samples:
-        link = open_link(to, simulation, table, voltage)
+        link = open_link(to, simulation, curve)
         if not prefer():
             print("Warning: the system gives no real-time priority; see docs/first-flight.md", file=sys.stderr)
+        print(
+            f"{flown.name} for {simulation.vehicle.name}: {1.0 / period:g} Hz, latency of {1e3 * latency:g} ms from the"
+            " exposure to the autopilot"
+        )
         print(flight.HELP, flush=True)
         with keys_at_once():
-            summary = flight.fly(flown, samples, link, log, step, fence)
+            summary = flight.fly(flown, samples, link, curve, log, step, fence)
     print(end="\n" if sys.stdout.isatty() else "")
     for sentence in summary.sentences():
         print(f"{sentence}.")
-    print(f"Written: {log}")
+    begin, end = summary.flown
+    if end > begin:
+        columns.write_text(flight.IDENTIFIED.format(log=log.name, begin=begin, end=end), encoding="utf-8")
+    print("Written:", log, *[columns] * (end > begin))
     if summary.cause:
         sys.exit(1)
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from quadpend_train.cli.options import named_scenarios
+from quadpend_train.cli.options import Latency, named_scenarios
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import (
     PRESETS,
@@ -132,6 +132,8 @@ def export(
     out: Path | None = None,
     vec_normalize: Path | None = None,
     scenario: str | None = None,
+    vehicle: str | None = None,
+    latency: Latency = None,
 ) -> None:
     """Convert a policy to a policy file, which executes no code when loaded, or to C.
 
@@ -143,6 +145,8 @@ def export(
         out: File to write; the default has the name of the policy.
         scenario: Scenario for whose vehicle, interface, control period and latency C is written. The default is
             flight_breeze or windy, with the interface and the vehicle of the policy.
+        vehicle: Vehicle in place of that of the scenario, a preset or TOML file.
+        latency: Latency in place of that of the scenario, s: from the exposure to the moment when the command acts.
         vec_normalize: File (.pkl) saved by VecNormalize, if the model was trained with it. The default is the one with
             a usual name beside the model. Loading it executes code that it contains.
     """
@@ -159,16 +163,23 @@ def export(
         raise FileExistsError(f"{path} exists already: choose another file with --out")
     if to != "npz" and vec_normalize is not None:
         raise ValueError("--vec-normalize is for npz: export the model to npz first, and then the policy file")
+    if to == "npz" and (given := [scenario, vehicle, latency]) != [None] * 3:
+        names = [
+            f"--{name}" for name, x in zip(("scenario", "vehicle", "latency"), given, strict=True) if x is not None
+        ]
+        raise ValueError(f"{', '.join(names)}: only C is written for a scenario; add --to c")
     files = [path]
     if to == "c":
         from quadpend_train.export.to_c import export_c, scenario_for
 
         policy = load_policy(model)
-        chosen = named_scenarios([scenario or scenario_for(policy, stem.name)])
+        chosen = named_scenarios([scenario or scenario_for(policy, stem.name)], vehicle, latency=latency)
         if len(chosen) != 1:
             raise ValueError(f"--scenario must be one scenario, not {len(chosen)}: {', '.join(chosen)}")
-        print("Scenario:", *chosen)
-        files = export_c(policy, stem.name, next(iter(chosen.values())), path)
+        ((name, flown),) = chosen.items()
+        loop = f"{flown.vehicle.name}, {flown.interface} at {1.0 / flown.period:g} Hz"
+        print(f"Scenario: {name} ({loop}, latency of {1e3 * flown.latency:g} ms)")
+        files = export_c(policy, stem.name, flown, path)
     else:
         from quadpend_train.policies.from_sb3 import export_zip
 

@@ -17,7 +17,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.factories import call_factory, find_factory, is_factory
 from quadpend_gym.vehicles import Simulation
 from quadpend_train.links.msp import MOTOR, Reader, channels_of, request, set_raw_rc
-from quadpend_train.links.thrust import ThrustTable
+from quadpend_train.links.thrust import ThrustCurve
 
 _BAUD = 115_200  # of the serial ports of Betaflight
 _TIMEOUT = 5.0  # s, for a connection
@@ -45,12 +45,11 @@ class Msp:
     Args:
         stream: A file descriptor that does not block, of a socket or a serial port.
         simulation: The vehicle, and the rates of full deflection.
-        table: Measured thrust of a rotor; None: thrust is linear in the throttle.
-        voltage: Of the battery, V, for the table.
+        curve: Thrust of a rotor at the throttles.
     """
 
-    def __init__(self, stream: int, simulation: Simulation, table: ThrustTable | None, voltage: float) -> None:
-        self._stream, self._arguments = stream, (simulation, table, voltage)
+    def __init__(self, stream: int, simulation: Simulation, curve: ThrustCurve) -> None:
+        self._stream, self._arguments = stream, (simulation, curve)
         self._reader, self._motors, self._answered = Reader(), np.full(4, np.nan), time.monotonic()
 
     def send(self, command: Floats, is_armed: bool) -> None:
@@ -103,12 +102,12 @@ def listen(text: str, kind: socket.SocketKind) -> socket.socket:
     return server
 
 
-def open_link(name: str, simulation: Simulation, table: ThrustTable | None = None, voltage: float = 0.0) -> Link:
+def open_link(name: str, simulation: Simulation, curve: ThrustCurve) -> Link:
     """Return the link ``"msp:HOST:PORT"``, ``"msp:/dev/ttyACM0"``, or that of your own code, ``"module:function"``."""
     kind, _, address = name.partition(":")
     if kind == "msp" and address:
         stream = _serial(address) if address.startswith("/") else _tcp(*parse_address(address))
-        return Msp(stream, simulation, table, voltage)
+        return Msp(stream, simulation, curve)
     if not is_factory(name):
         raise ValueError(f"a link must be msp:HOST:PORT, msp:/dev/NAME or module:function, not {name!r}")
     made: Any = call_factory(name, find_factory(name), simulation)
@@ -132,7 +131,11 @@ def _serial(path: str) -> int:
     import tty
 
     stream = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    tty.setraw(stream)
+    try:
+        tty.setraw(stream)
+    except termios.error as error:
+        os.close(stream)
+        raise ValueError(f"{path} is no serial port: {error.args[1]}") from error
     settings = termios.tcgetattr(stream)
     settings[4] = settings[5] = getattr(termios, f"B{_BAUD}")
     termios.tcsetattr(stream, termios.TCSANOW, settings)

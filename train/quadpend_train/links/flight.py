@@ -20,21 +20,21 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_train.links.autopilots import Link
-from quadpend_train.links.motion_capture import SIZE, Receiver, unpack
+from quadpend_train.links.motion_capture import SIZE, Receiver, Sample
 from quadpend_train.links.supervised import FLY, HOLD, KILL, OFF, STAGES, Supervised
 from quadpend_train.links.terminal import END, pressed, show
+from quadpend_train.links.thrust import ThrustCurve
 
 _LEAD = 0.002  # s, from the arrival of a sample to the step that uses it
 _FOLLOW, _FASTEST = 0.05, 0.02  # share of a wrong phase that a step corrects, and the most, as a share of the period
 _CLOCKS = 1e-4  # s/s, by which the sender's clock may drift
 _PATIENCE, _FROZEN = 0.06, 0.055  # s, that the link may be silent or a step late, and that samples may be frozen
-_MOST = 100  # datagrams in a step: a flood must not stop it
+_MOST = 100  # datagrams after the deadline of a step: a flood must not stop it
 _FIRST = 10.0  # s, to wait for the first sample
 _SHOWN = 0.2  # s, between two lines of the terminal
 _AFTER_KILL = 0.3  # s, for which a kill is repeated
 _REPEATS, _REPEATED = 10, 0.002  # at once, at these times (s): Betaflight disarms after four messages in a row
 _ASKED = 0.2  # s, for which a flight may be refused until the request is dropped
-_RESTART = 0.5  # s without newer samples, after which another sender is accepted where nothing flies
 _AHEAD = 1.5  # steps from the reference to a set point, at most
 _RELEASED = {"AGE", "HEIGHT", "SPEED", "BODY_TILT", "POLE_TILT"}  # kill in HOLD after a flight too
 
@@ -56,8 +56,15 @@ HELP = (
     "a arm   h hold (in the hand)   f fly   o disarm   q end   set point: i k forward back, j l left right, u m up down"
     "   any other key: KILL"
 )
-COLUMNS = (  # those of `quadpend identify`, and others
+IDENTIFIED = """# Columns of {log} for `quadpend identify` and `quadpend replay`
+motors = ["thrust1", "thrust2", "thrust3", "thrust4"]  # put them in the order of your vehicle's rotors
+motor_unit = "N"
+pole_direction = ["rx", "ry", "rz"]
+seconds = [{begin:.2f}, {end:.2f}]  # of the longest flight; cut what was in the hand
+"""
+COLUMNS = (
     *("time", "x", "y", "z", "qw", "qx", "qy", "qz", "rx", "ry", "rz", "motor1", "motor2", "motor3", "motor4"),
+    *("thrust1", "thrust2", "thrust3", "thrust4"),  # N, of the rotors at these outputs of the motors
     *("thrust", "rate_x", "rate_y", "rate_z", "goal_x", "goal_y", "goal_z"),
     *("exposure", "late", "silence", "stage", "status", "cause"),
 )
@@ -102,14 +109,16 @@ class Summary(NamedTuple):
     cause: str  # of the kill; empty: there was none
     late: Floats  # of each step after its deadline, s
     delays: Floats  # of commands after the exposure of their sample by the sender's clock, s
-    lost: int  # samples
+    receiver: Receiver  # with what was lost, late or foreign
+    flown: tuple[float, float]  # begin and end of the longest flight, s from the first row of the log
 
     def sentences(self) -> list[str]:
         """Return the figures of the flight."""
         usual, worst = 1e3 * np.quantile(self.late, 0.99), 1e3 * self.late.max()
         found = [
             f"{len(self.late)} steps, late by at most {usual:.2f} ms in 99 % of them and by {worst:.2f} ms in all",
-            f"{self.lost} samples were lost",
+            f"{self.receiver.lost} samples were lost, {self.receiver.late} came late or twice, and"
+            f" {self.receiver.foreign} datagrams were foreign",
         ]
         if len(self.delays) and 0.0 < (median := float(np.median(self.delays))) < 1.0:  # the clocks are the same
             most = 1e3 * np.quantile(self.delays, 0.99)
@@ -117,43 +126,37 @@ class Summary(NamedTuple):
         return [*found, f"Killed: {self.cause}" if self.cause else "Not killed"]
 
 
-class _Samples:
-    """Samples of one sender, the first; where nothing flies, of another one after a silence."""
-
-    def __init__(self, source: socket.socket) -> None:
-        self._source, self._sender, self._heard = source, None, 0.0
-        self.receiver = Receiver()
-
-    def until(self, deadline: float, may_restart: bool) -> tuple[list[bytes], float, bool]:
-        """Return the datagrams of the sender until the deadline, when the last one arrived, and whether it is new."""
-        datagrams, arrived, is_new = list[bytes](), 0.0, False
-        for _ in range(_MOST):
-            if not select.select([self._source], [], [], max(deadline - time.monotonic(), 0.0))[0]:
-                break
-            with suppress(ValueError, BlockingIOError):
-                datagram, sender = self._source.recvfrom(SIZE + 1)
-                now = time.monotonic()
-                counter = unpack(datagram).counter
-                is_newer = self.receiver.is_newer(counter)
-                if self._sender is None:
-                    self._sender = sender
-                elif (sender != self._sender or not is_newer) and may_restart and now - self._heard > _RESTART:
-                    datagrams, is_new, self._sender, self.receiver.latest = [], True, sender, None
-                if sender == self._sender:
-                    self._heard = now if is_newer or is_new else self._heard
-                    datagrams.append(datagram)
-                    arrived = now
-        time.sleep(max(deadline - time.monotonic(), 0.0))  # after a flood
-        return datagrams, arrived, is_new
+def _until(
+    deadline: float, source: socket.socket, receiver: Receiver, may_restart: bool
+) -> tuple[Sample | None, float]:
+    """Return the newest sample that arrives until a deadline, and when it arrived; None: there is none."""
+    found, arrived, left = None, 0.0, _MOST
+    while left and select.select([source], [], [], max(deadline - time.monotonic(), 0.0))[0]:
+        with suppress(BlockingIOError):
+            datagram, sender = source.recvfrom(SIZE + 1)
+            now = time.monotonic()
+            left -= now > deadline
+            if sample := receiver.take(datagram, sender, now, may_restart):
+                found, arrived = sample, now
+    return found, arrived
 
 
-def fly(policy: Supervised, source: socket.socket, link: Link, path: Path, step: float, fence: float = 2.0) -> Summary:
+def fly(
+    policy: Supervised,
+    source: socket.socket,
+    link: Link,
+    curve: ThrustCurve,
+    path: Path,
+    step: float,
+    fence: float = 2.0,
+) -> Summary:
     """Fly until the operator ends or a kill.
 
     Args:
         policy: What flies, with its limits.
         source: Of samples, a socket that does not block.
         link: To the autopilot; it is closed at the end.
+        curve: Thrust of a rotor at the outputs of the motors, for the log.
         path: Of the log, a new CSV file with `COLUMNS`.
         step: Distance by which a key moves the set point, m.
         fence: Horizontal distance from where the flight began that kills, m.
@@ -165,7 +168,7 @@ def fly(policy: Supervised, source: socket.socket, link: Link, path: Path, step:
     gc.disable()  # its pauses are longer than a step
     try:
         with path.open("x", newline="", encoding="utf-8", buffering=1) as file:
-            return _fly(policy, source, link, csv.writer(file), (step, fence), operator)
+            return _fly(policy, source, link, curve, csv.writer(file), _Place(step, fence), operator)
     except KeyboardInterrupt as interruption:
         interruption.args = ("the autopilot was told to disarm",)
         raise
@@ -184,29 +187,30 @@ def _fly(
     policy: Supervised,
     source: socket.socket,
     link: Link,
+    curve: ThrustCurve,
     log: Any,
-    distances: tuple[float, float],
+    place: "_Place",
     operator: Operator,
 ) -> Summary:
-    period, samples, fields = float(policy.designed["PERIOD"]), _Samples(source), policy.fields
-    receiver, place, waiting, asked = samples.receiver, _Place(*distances), None, 0.0
+    period, receiver, fields = float(policy.designed["PERIOD"]), Receiver(), policy.fields
+    waiting, asked, restarts, began, flown = None, 0.0, 0, 0.0, (0.0, 0.0)
     late: list[float] = []
     delays: list[float] = []
     usual, shown_at, shown, goal, ending = np.inf, 0.0, "", np.zeros(3), np.inf
     log.writerow(COLUMNS)
-    begin = time.monotonic()
+    begin, said = time.monotonic(), False
     deadline = begin + _LEAD
     while not operator.has_ended and deadline < ending:
-        datagrams, arrived, is_new = samples.until(deadline, fields.stage in (OFF, HOLD))
+        sample, arrived = _until(deadline, source, receiver, fields.stage in (OFF, HOLD))
         now = time.monotonic()
-        if arrived:
+        if sample is not None:
             wrong = _FOLLOW * (deadline - arrived - _LEAD)
             deadline -= float(np.clip(wrong, -_FASTEST * period, _FASTEST * period))
-        if is_new:
-            usual, waiting, operator.note = np.inf, None, "there is a new sender of samples"
-        sample, measurement = receiver.newest(datagrams), None
+        if receiver.restarts > restarts:
+            usual, waiting, restarts = np.inf, None, receiver.restarts
+            operator.note = "there is a new sender of samples"
         waiting = waiting if sample is None else (sample, arrived)
-        sample = None
+        sample, measurement = None, None
         if waiting is not None and now - deadline < period:  # the last of the steps that are made up for
             (sample, arrived), waiting = waiting, None
             delay = arrived - sample.time
@@ -247,20 +251,29 @@ def _fly(
             operator.kill(f"the link is lost: {error}")
         if operator.request == KILL:
             ending = min(ending, now + _AFTER_KILL)
+        if operator.cause and not said:
+            show(f"{now - begin:7.1f} s  KILLED: {operator.cause}", True)
+            said = True
+        began = began if stage == before == FLY else now
+        if now - began > flown[1] - flown[0]:
+            flown = began - begin, now - begin
         seen = np.full(11, np.nan) if sample is None else np.append(sample.measurement(0.0)[:10], sample.time)
-        numbers = [now], seen[:10], link.motors(), policy.command, goal, seen[10:], (now - deadline, link.silence())
+        motors, figures = link.motors(), (seen[10], now - deadline, link.silence())
+        numbers = [now], seen[:10], motors, curve.thrust(motors), policy.command, goal, figures
         log.writerow([*np.concatenate(numbers).round(6).tolist(), STAGES[stage], "+".join(status), operator.cause])
         late.append(now - deadline)
         if sample is not None:
             delays.append(time.monotonic() - sample.time)
-        title = f"{STAGES[stage]}{'' if operator.is_armed else ', disarmed'} {operator.cause or operator.note}"
+        title = f"{STAGES[stage]}{'' if operator.is_armed else ', disarmed'} {operator.note}"
         if title != shown or now - shown_at > _SHOWN:
-            at = " ".join(f"{x:6.2f}" for x in receiver.latest.position) if receiver.latest else ""
-            line = f"{now - begin:7.1f} s  {title:16}  age {1e3 * fields.blind:3.0f} ms  at {at}  {' '.join(status)}"
-            show(line, title != shown)
+            at = receiver.latest.shown() if receiver.latest else ""
+            show(
+                f"{now - begin:7.1f} s  {title:14}  age {1e3 * fields.blind:3.0f} ms{at}  {' '.join(status)}",
+                title != shown,
+            )
             shown, shown_at = title, now
         deadline += period
-    return Summary(operator.cause, np.array(late), np.array(delays), receiver.lost)
+    return Summary(operator.cause, np.array(late), np.array(delays), receiver, flown)
 
 
 class _Place:
@@ -309,7 +322,7 @@ def _check(operator: Operator, policy: Supervised, link: Link, late: float) -> N
     """Kill where the supervisor does not: its limit of age lets drop-outs pass, and it sees neither link nor clock."""
     if policy.fields.status & policy.bits["FROZEN"] and policy.fields.blind > _FROZEN and operator.request == FLY:
         operator.kill("motion capture is frozen")
-    if (silence := link.silence()) > _PATIENCE:
-        operator.kill(f"the autopilot has not answered for {1e3 * silence:.0f} ms")
     if late > _PATIENCE:
         operator.kill(f"a step was late by {1e3 * late:.0f} ms")
+    if (silence := link.silence() - max(late, 0.0)) > _PATIENCE:  # a late step reads late
+        operator.kill(f"the autopilot has not answered for {1e3 * silence:.0f} ms")

@@ -17,8 +17,7 @@ What motion capture did not see is not a number (NaN): the supervisor of exporte
 """
 
 import struct
-from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from quadpend_gym.core.arrays import Floats
 _LAYOUT = struct.Struct("<4sI11d")
 _MAGIC = b"QPM1"
 SIZE = _LAYOUT.size
+_RESTART = 0.5  # s without newer samples, after which another sender is accepted where nothing flies
 
 
 class Sample(NamedTuple):
@@ -41,6 +41,20 @@ class Sample(NamedTuple):
     def measurement(self, age: float) -> Floats:
         """Return the measurement of exported C, shape (11,), with its age in s."""
         return np.array([*self.position, *self.quaternion, *self.direction, age])
+
+    def shown(self) -> str:
+        """Return position (m), roll, pitch and yaw of the body and the tilt of the pole (degrees) for a terminal."""
+        w, x, y, z = self.quaternion
+        roll, pitch, yaw = np.degrees(
+            [
+                np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+                np.arcsin(np.clip(2.0 * (w * y - x * z), -1.0, 1.0)),
+                np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+            ]
+        )
+        tilt = np.degrees(np.arctan2(np.hypot(*self.direction[:2]), self.direction[2]))
+        at = " ".join(f"{place:6.2f}" for place in self.position)
+        return f"  at {at} m  roll {roll:4.0f} pitch {pitch:4.0f} yaw {yaw:4.0f}  pole {tilt:3.0f}°"
 
 
 def pack(sample: Sample) -> bytes:
@@ -64,28 +78,45 @@ def unpack(datagram: bytes) -> Sample:
 
 
 class Receiver:
-    """Finds the newest sample among datagrams, which may be lost, doubled, late or foreign; counts them."""
+    """Finds newer samples of one sender, the first, among datagrams that may be lost, doubled, late or foreign.
+
+    Attributes:
+        latest: The newest sample.
+        lost, late, foreign: Numbers of samples and datagrams.
+        restarts: How often another or a restarted sender was accepted.
+    """
 
     def __init__(self) -> None:
         self.latest: Sample | None = None
-        self.lost = self.late = self.foreign = 0
+        self.lost = self.late = self.foreign = self.restarts = 0
+        self._sender: Any = None
+        self._heard = 0.0
 
-    def is_newer(self, counter: int) -> bool:
-        """Whether a counter is that of a sample after the latest."""
-        return self.latest is None or 0 < (counter - self.latest.counter) % 2**32 < 2**31
+    def take(self, datagram: bytes, sender: Any, now: float, may_restart: bool) -> Sample | None:
+        """Return the sample of a datagram; None if it is none, of another sender, or not newer than the latest.
 
-    def newest(self, datagrams: Iterable[bytes]) -> Sample | None:
-        """Return the newest of the samples that arrived since the last call; None if none is newer than the latest."""
-        found = None
-        for datagram in datagrams:
-            try:
-                sample = unpack(datagram)
-            except ValueError:
-                self.foreign += 1
-                continue
-            if not self.is_newer(sample.counter):
-                self.late += 1
-                continue
-            self.lost += 0 if self.latest is None else (sample.counter - self.latest.counter - 1) % 2**32
-            self.latest = found = sample
-        return found
+        Args:
+            datagram: What arrived.
+            sender: Who sent it.
+            now: When it arrived, s.
+            may_restart: Whether another or a restarted sender is accepted after a silence.
+        """
+        try:
+            sample = unpack(datagram)
+        except ValueError:
+            self.foreign += 1
+            return None
+        missed = -1 if self.latest is None else (sample.counter - self.latest.counter - 1) % 2**32
+        if self._sender is None:
+            self._sender = sender
+        elif (sender != self._sender or missed >= 2**31 - 1) and may_restart and now - self._heard > _RESTART:
+            self._sender, missed, self.restarts = sender, -1, self.restarts + 1
+        elif sender != self._sender:
+            self.foreign += 1
+            return None
+        elif missed >= 2**31 - 1:
+            self.late += 1
+            return None
+        self.lost += max(missed, 0)
+        self._heard, self.latest = now, sample
+        return sample

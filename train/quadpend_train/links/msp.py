@@ -17,7 +17,7 @@ import numpy as np
 from quadpend_gym.autopilots.betaflight import full_rates, radio
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.vehicles import Simulation, rotors_of
-from quadpend_train.links.thrust import ThrustTable
+from quadpend_train.links.thrust import ThrustCurve
 
 MOTOR, SET_RAW_RC = 104, 200
 _CHANNELS, _LEAST, _MOST = 18, 750, 2250  # the firmware's largest number, and its limits of a valid pulse, µs
@@ -46,21 +46,22 @@ def set_raw_rc(channels: Sequence[int]) -> bytes:
     return request(SET_RAW_RC, struct.pack(f"<{len(channels)}H", *channels))
 
 
-def channels_of(
-    command: Floats, is_armed: bool, simulation: Simulation, table: ThrustTable | None = None, voltage: float = 0.0
-) -> list[int]:
+def linear(simulation: Simulation) -> ThrustCurve:
+    """Return the thrust that is linear in the throttle, as in the simulation."""
+    return ThrustCurve((0.0, 1.0), rotors_of(simulation.vehicle).thrust)
+
+
+def channels_of(command: Floats, is_armed: bool, simulation: Simulation, curve: ThrustCurve) -> list[int]:
     """Return eight channels, µs, with which Betaflight does what a policy commands.
 
     Args:
         command: Thrust of all rotors (N) and body rates (rad/s; x forward, y left, z up), shape (4,).
         is_armed: The switch AUX1; a kill switches it off.
         simulation: The vehicle, and the rates of full deflection.
-        table: Measured thrust of a rotor; None: thrust is linear in the throttle, as in the simulation.
-        voltage: Of the battery, V, for the table.
+        curve: Thrust of a rotor at the throttles, such as `linear`.
     """
-    thrust, (low, high) = command[:1], rotors_of(simulation.vehicle).thrust
-    if table is not None:
-        thrust = np.array([4.0 * (low + (high - low) * table.throttle(0.25 * float(thrust[0]), voltage))])
+    low, high = rotors_of(simulation.vehicle).thrust
+    thrust = 4.0 * (low + (high - low) * curve.throttle(0.25 * command[:1]))
     roll, pitch, throttle, yaw = radio(thrust, command[np.newaxis, 1:], simulation)[0].tolist()
     throttle = throttle if command[0] > 0.0 else _LOW  # the firmware arms only below `MIN_CHECK`
     return [roll, pitch, throttle, yaw, _HIGH if is_armed else _LOW, *[_LOW] * 3]

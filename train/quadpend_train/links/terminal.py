@@ -32,6 +32,9 @@ def keys_at_once() -> Iterator[None]:
 
     settings = termios.tcgetattr(sys.stdin)
     tty.setcbreak(sys.stdin)
+    at_once = termios.tcgetattr(sys.stdin)
+    at_once[0] &= ~termios.IXON  # Ctrl-S would stop the output, and the flight with it
+    termios.tcsetattr(sys.stdin, termios.TCSANOW, at_once)
     try:
         yield
     finally:

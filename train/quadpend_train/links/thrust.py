@@ -1,10 +1,27 @@
-"""The throttle for a thrust, from thrusts that were measured at several throttles and voltages of the battery."""
+"""Throttle and thrust of a rotor: linear, or measured at several throttles and voltages of the battery."""
 
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
 from quadpend_gym.core.settings import Range, settings
+
+
+@dataclass(frozen=True)
+class ThrustCurve:
+    """Thrusts (N) of one rotor at throttles, both increasing, linear in between; beyond them the nearest one counts."""
+
+    throttles: Any
+    thrusts: Any
+
+    def throttle(self, thrust: Any) -> Any:
+        """Return the throttle, 0 to 1, for a thrust of one rotor, N."""
+        return np.interp(thrust, self.thrusts, self.throttles)
+
+    def thrust(self, throttle: Any) -> Any:
+        """Return the thrust of one rotor, N, at a throttle."""
+        return np.interp(throttle, self.throttles, self.thrusts)
 
 
 @settings
@@ -27,10 +44,7 @@ class ThrustTable:
         if (np.diff(self.thrusts, axis=1) <= 0.0).any():
             raise ValueError(f"thrusts must increase with the throttle, not {self.thrusts}")
 
-    def throttle(self, thrust: float, voltage: float) -> float:
-        """Return the throttle for a thrust of one rotor, N.
-
-        Beyond the measured voltages the nearest one counts. A thrust that was not reached gets the nearest throttle.
-        """
+    def at(self, voltage: float) -> ThrustCurve:
+        """Return the curve at a voltage; beyond the measured ones the nearest one counts."""
         row = [np.interp(voltage, self.voltages, column) for column in zip(*self.thrusts, strict=True)]
-        return float(np.interp(thrust, row, self.throttles))
+        return ThrustCurve(self.throttles, row)
