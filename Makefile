@@ -44,7 +44,7 @@ format: .venv/.installed  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: .venv/.installed  ## docs/benchmarks.md: speed, compared with other environments and, if installed, the extra `peers`
+bench: .venv/.installed  ## docs/accuracy.md: speed, compared with other environments and, if installed, the extra `peers`
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.speed
 	OMP_NUM_THREADS=1 SCIPY_ARRAY_API=1 $(BIN)/python -m benchmarks.peers
 

@@ -1,4 +1,4 @@
-"""Speed of this package beside crazyflow (JAX) and rotorpy (PyTorch, NumPy), for docs/benchmarks.md.
+"""Speed of this package beside crazyflow (JAX) and rotorpy (PyTorch, NumPy), for docs/accuracy.md.
 
     .venv/bin/pip install -c constraints.txt -e '.[peers]'
     make bench
@@ -103,7 +103,7 @@ def main() -> None:
     calls = {(name, f"{rows:,} vehicles"): make(rows) for rows in NUM_VEHICLES for name, make in CONTENDERS.items()}
     table = rate_table("simulated seconds per second of one core", best_rates(calls))
     print(table)
-    fill(DOCS / "benchmarks.md", {"peers": table})
+    fill(DOCS / "accuracy.md", {"peers": table})
 
 
 if __name__ == "__main__":

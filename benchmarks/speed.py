@@ -1,4 +1,4 @@
-"""Speed of the environments, compared with other environments in the same run, for docs/benchmarks.md.
+"""Speed of the environments, compared with other environments in the same run, for docs/accuracy.md.
 
 `make bench` runs this file as ``python -m benchmarks.speed``. Each rate is the best of several rounds in one process
 with one thread, unless its name says otherwise. The environments receive a small fixed action at every step, and the
@@ -155,7 +155,7 @@ def main() -> None:
     ]
     tables = {"environments": rate_table("environment", environments), "speed": markdown_table(["", ""], rows)}
     print("\n\n".join(tables.values()))
-    fill(DOCS / "benchmarks.md", tables)
+    fill(DOCS / "accuracy.md", tables)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""docs/betaflight/results.md: policies through real firmware, with gains matched to the vehicle and with its own.
+"""docs/betaflight.md: policies through real firmware, with gains matched to the vehicle and with its own.
 
     python -m experiments.betaflight      # 20 episodes in each scenario, seeds from 1000000; or with other policies
 
@@ -15,7 +15,7 @@ from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.formatting import markdown_table
 
-POLICIES = "lqg", "flatness", "lqi", "dual-mode", "apg-flight-0"
+POLICIES = "lqg", "flatness", "lqr", "dual-mode", "apg-flight-0", "apg-loops-0"
 VEHICLES = "hummingbird", "racer"
 LOOPS = {"own loop": None, "matched": Betaflight("matched"), "default": Betaflight("default")}
 BREEZE = SCENARIOS["flight_breeze"]
@@ -49,8 +49,7 @@ def main() -> None:
         numbers = [with_survival(f"{cell['settled_rmse'].value:.3g}", cell) for cell in cells]
         rows.append([*name.split(" · "), *numbers])
     table = markdown_table(["vehicle", "scenario", "rate loop", *made.policies], rows)
-    command = f"betaflight {' '.join(given.policies)}"
-    fill(DOCS / "betaflight/results.md", {"betaflight": f"{made_by(command, given.episodes, given.seed)}\n\n{table}"})
+    fill(DOCS / "betaflight.md", {"betaflight": f"{made_by('betaflight', given.episodes, given.seed)}\n\n{table}"})
 
 
 if __name__ == "__main__":

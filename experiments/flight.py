@@ -1,4 +1,4 @@
-"""docs/flight.md, docs/flight/ and the first table of the README: the flight benchmark.
+"""docs/flight.md with docs/flight/, and the table of the README: the flight benchmark.
 
     python -m experiments.flight --jobs 2      # 200 episodes in each scenario, seeds from 1000000
     python -m experiments.flight lqg flatness mine=mine:make --out results/flight      # with a policy of yours
@@ -32,6 +32,7 @@ MARKERS = "os^vDP*X<>ph"
 FOLDER, ROWS = DOCS / "flight", 10  # rows of the table in the README
 EVENTS = events(SCENARIOS[BASE])
 SHORT = "rank", "policy", "survival bound (%)", "error (multiple of the reference)", "envelope", f"{DELAY} (ms)"
+LONG = *SHORT, "delay margin (ms)", "effort", "call (µs)"  # columns of the page
 
 Limits = Mapping[str, Mapping[str, Limit]]  # by the names of policies and of events
 
@@ -85,55 +86,67 @@ def cell_table(found: Comparison) -> pd.DataFrame:
 
 
 def matrix(table: pd.DataFrame, found: Comparison) -> str:
-    """Return errors in mm with their multiples, and survivals below 100 %, in Markdown, a line for each scenario."""
+    """Return references and errors in mm, and survivals below 100 %, in Markdown, a line for each scenario."""
     rows, own = [], {name: reference(found.scenarios[name])[1] for name in found.references}
     for name, part in table.groupby("scenario", sort=False):
-        row = [str(name), format_number(part["reference"].iloc[0]) + ("" if own[str(name)] else " *")]
+        row = [str(name).removeprefix("flight_")]
+        row += [format_number(part["reference"].iloc[0]) + ("" if own[str(name)] else "*")]
         for cell in part.itertuples():
-            text = f"{format_number(cell.error)} ({format_number(cell.multiple)})"
+            text = format_number(cell.error)
             row.append(text if cell.survival == 100.0 else f"{text}, {cell.survival:.3g} %")
         rows.append(row)
     return markdown_table(["scenario", "reference", *found.policies], rows)
 
 
 def event_matrix(found: Comparison) -> str:
-    """Return survivals in % with the causes of falls, in Markdown, a line for each event at everyday strength."""
-    rows = []
-    for name in found.scenarios.keys() - {*gentle(list(found.scenarios))}:
-        texts = [
-            (found.summaries[name, policy]["survival"].value, found.falls[name, policy]) for policy in found.policies
-        ]
-        rows.append([name, *("100" if share == 100.0 else f"{share:.3g}: {falls}" for share, falls in texts)])
-    return markdown_table(["event", *found.policies], sorted(rows))
+    """Return survivals in % in Markdown, a line for each event at everyday strength in which a policy falls."""
+    rows, names = [], sorted(found.scenarios.keys() - {*gentle(list(found.scenarios))})
+    for name in names:
+        shares = [found.summaries[name, policy]["survival"].value for policy in found.policies]
+        if min(shares) < 100.0:
+            rows.append([name, *(f"{share:.3g}" for share in shares)])
+    table, others = markdown_table(["event", *found.policies], rows), len(names) - len(rows)
+    return f"{table}\n\nIn the {others} other events every policy survives all episodes."
 
 
-def limit_table(limits: Limits) -> str:
+def limit_csv(limits: Limits) -> pd.DataFrame:
+    """Return the limits with what was tried: ``clean`` and ``failed`` are those of `Limit`."""
+    rows = [
+        (name, event.unit, event.everyday, policy, *each[name][:4])
+        for policy, each in limits.items()
+        for name, event in EVENTS.items()
+    ]
+    return pd.DataFrame(rows, columns=["event", "unit", "everyday", "policy", "limit", "clean", "failed", "sign"])
+
+
+def limit_table(table: pd.DataFrame) -> str:
     """Return the limits in Markdown, a line for each event."""
-    rows = []
-    for name, event in EVENTS.items():
-        texts = (str(each[name]) for each in limits.values())
-        rows.append([f"{name} ({event.unit})", format_number(event.everyday), *texts])
-    return markdown_table(["event", "everyday", *limits], rows)
+    rows, policies = [], list(dict.fromkeys(table["policy"]))
+    for (name, unit, everyday), part in table.groupby(["event", "unit", "everyday"], sort=False):
+        texts = (f"{cell.sign} {format_number(cell.limit)}".strip() for cell in part.itertuples())
+        rows.append([f"{name} ({unit})", format_number(everyday), *texts])
+    return markdown_table(["event", "everyday", *policies], rows)
 
 
 def origins(found: Comparison) -> str:
-    """Return in Markdown how each policy was made, and percentiles of the error over its training seeds."""
-    rows, lengths = [], list(found.references.values())
+    """Return sentences on how each policy was made, with percentiles of the error over the training seeds."""
+    made: dict[str, list[str]] = {}  # names by sentence
     for policy, seeds in found.learners.items():
         cards: list[Any] = [getattr(item, "card", None) for item in seeds]
-        card, search, spread = cards[0], tuned("hummingbird").get(policy), "–"
-        texts = [", ".join(search.scenarios), f"`{search.command}`"] if search else ["–", "set by hand"]
+        card, search = cards[0], tuned("hummingbird").get(policy)
+        text = f"`{search.command.replace(f' {policy} ', ' NAME ')}`" if search else "by hand"
         if card:
             names = [item if isinstance(item, str) else item["name"] for item in card["settings"]["scenarios"]]
             seconds = np.mean([item["seconds"] for item in cards])
-            texts = [", ".join(names), f"{card['steps']:,} steps, {seconds:.0f} s"]
+            text = f"{card['steps']:,} steps and {seconds:.0f} s in {', '.join(f'`{name}`' for name in names)}"
         if len(seeds) > 1:
+            lengths = list(found.references.values())
             errors = errors_of(found, policy)
             each = [multiple([error[i : i + 1] for error in errors], lengths).value for i in range(len(seeds))]
             spread = " / ".join(map(format_number, np.percentile(each, [10.0, 50.0, 90.0])))
-        rows.append([policy, *texts, str(len(seeds)), spread])
-    headings = ["policy", "training set", "budget", "seeds", "multiple, 10 / 50 / 90 % of seeds"]
-    return markdown_table(headings, rows)
+            text += f"; {len(seeds)} training seeds, whose multiples have the 10 / 50 / 90 % points {spread}"
+        made.setdefault(text, []).append(f"`{policy}`")
+    return "\n".join(f"- {', '.join(names)}: {text}." for text, names in made.items())
 
 
 def front_figure(found: Comparison, wide: Mapping[str, Limit]) -> Any:
@@ -181,28 +194,29 @@ def _finish(figure: Any, axis: Any, scale: Any) -> Any:
 def main() -> None:
     """Fly, and write the page with its figures and tables."""
     given = options(__doc__, 200, POLICIES, FOLDER)
-    settings, page, published = (given.episodes, given.seed), given.out / "tables.md", FOLDER / "tables.md"
+    settings = given.episodes, given.seed
     found = compare([*map(training_seeds, given.policies)], ["flight", "events"], *settings, CACHE, jobs=given.jobs)
     limits = find_limits(found, min(given.episodes, EPISODES), given.seed, given.jobs)
-    table, rows = cell_table(found), full_ranking(found, limits)
+    table, tried, rows = cell_table(found), limit_csv(limits), full_ranking(found, limits)
+    columns, short = ([[row[rows[0].index(name)] for name in names] for row in rows] for names in (LONG, SHORT))
     parts = {
         "provenance": made_by("flight", *settings),
-        "ranking": f"{markdown_table(rows[0], rows[1:])}\n\n{tables.ranking_note(found)}",
-        "origins": origins(found),
-        "matrix": matrix(table, found),
+        "ranking": f"{markdown_table(columns[0], columns[1:])}\n\n{tables.ranking_note(found)}",
         "events": event_matrix(found),
-        "limits": limit_table(limits),
+        "limits": limit_table(tried),
+        "matrix": matrix(table, found),
+        "origins": origins(found),
     }
-    write_text(given.out / "cells.csv", table.to_csv(index=False, lineterminator="\n"))
+    for name, data in (("cells", table), ("limits", tried)):
+        write_text(given.out / f"{name}.csv", data.to_csv(index=False, lineterminator="\n"))
     figures.write_png(front_figure(found, envelopes(limits)), given.out / "front.png")
     figures.write_png(scenario_figure(table), given.out / "scenarios.png")
-    short = [[row[rows[0].index(name)] for name in SHORT] for row in rows[: ROWS + 1]]
-    print(markdown_table(short[0], short[1:]))
-    if page == published:
-        fill(README, {"flight": markdown_table(short[0], short[1:])})
-        fill(DOCS / "flight.md", {f"flight-{name}": parts[name] for name in ("provenance", "ranking")})
-    write_text(page, published.read_text(encoding="utf-8"))
-    fill(page, {f"flight-{name}": text for name, text in parts.items()})
+    print(markdown_table(short[0], short[1 : ROWS + 1]))
+    if given.out == FOLDER:
+        fill(README, {"flight": markdown_table(short[0], short[1 : ROWS + 1])})
+        fill(DOCS / "flight.md", {f"flight-{name}": text for name, text in parts.items()})
+    else:
+        write_text(given.out / "tables.md", "\n\n".join(parts.values()) + "\n")
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ def make(name: str) -> Any:
         return PPO("MlpPolicy", _envs(256, 0.01, (4, 0)), **ppo, **common)
     if name == "recurrent-ppo":
         return RecurrentPPO("MlpLstmPolicy", _envs(256, 0.01), **ppo, **common)
-    if name == "sac":  # as in docs/use-with.md
+    if name == "sac":  # as in docs/policies.md
         sac: dict[str, Any] = {"learning_starts": 10_000, "train_freq": 1, "gradient_steps": 4}
         return SAC("MlpPolicy", _envs(16, 1.0, (4, 0)), **sac, **common)
     recipe: dict[str, Any] = {"n_steps": 32, "batch_size": 2048, "n_epochs": 4, "gamma": 0.98, "gae_lambda": 0.98}

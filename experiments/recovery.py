@@ -1,4 +1,4 @@
-"""The recovery in docs/flight/tables.md: from how far policies catch a falling pole, and from how far a plan does.
+"""The recovery in docs/flight.md: from how far policies catch a falling pole, and from how far a plan does.
 
     python -m experiments.recovery      # 200 episodes from each start, seeds from 1000000; minutes on one core
 
@@ -21,8 +21,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from experiments.flight import FOLDER
-from experiments.pages import CACHE, fill, made_by, options, training_seeds
+from experiments.pages import CACHE, DOCS, fill, made_by, options, training_seeds
 from quadpend_baselines import controller
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.nested import changed
@@ -38,7 +37,7 @@ from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_SIZ
 from quadpend_gym.physics.vectors import multiply
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.evaluation.comparison import compare
-from quadpend_train.evaluation.formatting import format_interval, markdown_table
+from quadpend_train.evaluation.formatting import markdown_table
 
 POLICIES = "lqg", "dual-mode", "flatness", "apg-flight"
 ANGLES = 20, 30, 34, 38, 40, 42, 44, 46  # °
@@ -172,8 +171,8 @@ def main() -> None:
     flown, _, survives = fly(scenario, best.angle, best.actions)
     rows = []
     for name in starts:
-        shares = [format_interval(found.summaries[name, policy]["survival"]) for policy in found.policies]
-        rows.append([name, *shares])
+        shares = (found.summaries[name, policy]["survival"].value for policy in found.policies)
+        rows.append([name, *(f"{share:.3g}" for share in shares)])
     text = (
         f"The largest start from which a plan was found is {np.rad2deg(best.angle):.1f}°. Flown in the environment"
         f" without noise, it {'survives' if survives else 'falls'}, and ends with the pole"
@@ -181,7 +180,7 @@ def main() -> None:
     )
     table = markdown_table(["start", *(f"{policy} (%)" for policy in found.policies)], rows)
     provenance = made_by("recovery", given.episodes, given.seed)
-    fill(FOLDER / "tables.md", {"recovery": f"{provenance}\n\n{table}\n\n{text}"})
+    fill(DOCS / "flight.md", {"recovery": f"{provenance}\n\n{table}\n\n{text}"})
 
 
 if __name__ == "__main__":

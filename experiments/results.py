@@ -1,8 +1,8 @@
-"""docs/results.md and its tables: learned policies and classical controllers in all test scenarios.
+"""docs/results.md: learned policies and classical controllers in all test scenarios.
 
     python -m experiments.results --jobs 2      # 200 episodes in each scenario, seeds from 1000000; half an hour
 
-It also writes docs/results/ (tables, report.html); `python -m experiments.samples` makes sample.csv there.
+It also writes docs/results/comparison.csv and report.html; `python -m experiments.samples` makes sample.csv there.
 """
 
 import shutil
@@ -39,10 +39,10 @@ def matrix(comparison: Comparison) -> str:
 
 
 def tuning() -> str:
-    """Return a Markdown table with the tuning command and the score of each policy whose gains were tuned."""
+    """Return a Markdown list with the tuning command and the score of each policy whose gains were tuned."""
     found = tuned()
-    rows = [[name, f"`{found[name].command}`", format_number(found[name].score)] for name in CLASSICAL if name in found]
-    return markdown_table(["controller", "found by", "score (mm)"], rows)
+    names = [name for name in CLASSICAL if name in found]
+    return "\n".join(f"- `{found[name].command}`: {format_number(found[name].score)} mm" for name in names)
 
 
 def main() -> None:
@@ -54,14 +54,16 @@ def main() -> None:
     report.write(comparison, DOCS / "results")
     best, *others = (row.policy for row in comparison.ranking)
     sentences = [compare_pair(comparison.table, best, other).sentence() for other in others[:PAIRS]]
-    page = {
+    parts = {
         "provenance": made_by("results", given.episodes, given.seed),
         "ranking": tables.markdown_rows(tables.ranking_rows(comparison)),
+        "matrix": matrix(comparison),
+        "pairwise": "\n".join(f"- {sentence}" for sentence in sentences),
+        "tuning": tuning(),
     }
-    pairs = "\n".join(f"- {sentence}" for sentence in sentences)
-    fill(DOCS / "results.md", page)
-    fill(DOCS / "results/tables.md", {"tuning": tuning(), "pairwise": pairs, "matrix": matrix(comparison)})
-    shutil.move(DOCS / "results/episodes.csv", "results/results_episodes.csv")  # too large for the repository
+    fill(DOCS / "results.md", parts)
+    for name in ("episodes.csv", "comparison.md"):  # too large for the repository
+        shutil.move(DOCS / "results" / name, f"results/results_{name}")
 
 
 if __name__ == "__main__":

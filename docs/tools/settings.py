@@ -4,10 +4,8 @@ import json
 from pathlib import Path
 
 from docs.tools.declarations import meanings
-from docs.tools.ranges import limits
 from experiments.pages import POLICIES, fill
 from quadpend_gym.core.files import read_mapping
-from quadpend_gym.core.settings import declared
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.training import settings as module
 from quadpend_train.training.settings import PRESETS, ApgSettings, HybridSettings, TrainSettings
@@ -21,15 +19,14 @@ GROUPS = {
 
 
 def settings_table(kind: type) -> str:
-    """Return the table of a settings class: name, default value as JSON, range and meaning."""
-    ranges, texts = {name: limits(bounds) for name, _, bounds in declared(kind)}, meanings(kind)
-    rows = []
+    """Return the table of a settings class: name, default value as JSON, and meaning."""
+    texts, rows = meanings(kind), []
     for name, value in vars(kind()).items():
         if name != "arguments":  # in files the table of the algorithm
             value = [scenario.name for scenario in value] if name == "scenarios" else value
             default = "" if hasattr(value, "__dataclass_fields__") else f"`{json.dumps(value)}`"
-            rows.append(f"| `{name}` | {default} | {ranges.get(name, '')} | {texts[name]} |")
-    return "\n".join(["| setting | default | range | meaning |", "|---|---|---|---|", *rows])
+            rows.append(f"| `{name}` | {default} | {texts[name]} |")
+    return "\n".join(["| setting | default | meaning |", "|---|---|---|", *rows])
 
 
 def presets_table() -> str:

@@ -1,4 +1,4 @@
-"""Draw the figure of `docs/trajectories.md`: ``python -m docs.tools.trajectories``."""
+"""Draw the figure of `docs/change-the-environment.md`: ``python -m docs.tools.trajectories``."""
 
 from pathlib import Path
 from typing import Any

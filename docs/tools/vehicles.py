@@ -1,4 +1,4 @@
-"""Draw the picture of `docs/vehicles.md` and write the tables of vehicles: ``python -m docs.tools.vehicles``."""
+"""Draw the picture of `docs/vehicles.md` and write its tables: ``python -m docs.tools.vehicles``."""
 
 import math
 from pathlib import Path
@@ -7,7 +7,7 @@ from experiments.pages import fill
 from quadpend_gym.vehicles import POLES, VEHICLES, Vehicle
 
 DOCS = Path(__file__).parents[1]
-PICTURE, PAGE = DOCS / "vehicles.svg", DOCS / "reference/vehicles.md"
+PICTURE, PAGE = DOCS / "vehicles.svg", DOCS / "vehicles.md"
 INK, GREY, FRONT, POLE, AXIS = "#1f2329", "#8a8f98", "#c98a00", "#b8420f", "#2b5fb8"
 RADIUS = 34.0  # pixels, of a rotor
 
@@ -133,7 +133,6 @@ def vehicles_table() -> str:
         "vehicle",
         "M, kg",
         "Ixx, Iyy, Izz, g·m²",
-        "rotor 1 at",
         "thrust, N",
         "κ",
         "lag, ms",
@@ -145,14 +144,13 @@ def vehicles_table() -> str:
     for name, vehicle in VEHICLES.items():
         inertia = ", ".join(f"{1e3 * moment:.3g}" for moment in vehicle.inertia_matrix.diagonal())
         pole = next(pole for pole, known in POLES.items() if known == vehicle.pole)
-        rotors = ["–"] * 5
+        rotors = ["–"] * 4
         if vehicle.rotors:
             parts, down = vehicle.rotors, vehicle.rotors.lag_down
-            x, y = (f"{number:g}" for number in parts.positions[0][:2])
             lags = "".join([f"{1e3 * parts.lag_up:g}", f", {1e3 * down:g}" if down else ""])
             thrust = "–".join(f"{number:g}" for number in parts.thrust)
             loop = f"{1e3 * vehicle.rate_loop.time_constant:g}"
-            rotors = [f"({x}, {y})", thrust, f"{parts.torque_per_thrust:g}", lags, loop]
+            rotors = [thrust, f"{parts.torque_per_thrust:g}", lags, loop]
         fall = f"{1e3 / vehicle.stiffness**0.5:.0f}"
         lines.append(f"| {' | '.join([f'`{name}`', f'{vehicle.mass:g}', inertia, *rotors, f'`{pole}`', fall])} |")
     return "\n".join(lines)

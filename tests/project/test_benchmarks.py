@@ -25,7 +25,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for module in (speed, peers):
         monkeypatch.setattr(module, "DOCS", tmp_path)
     monkeypatch.setattr("sys.argv", ["speed"])
-    return Path(shutil.copy(ROOT / "docs/benchmarks.md", tmp_path))
+    return Path(shutil.copy(ROOT / "docs/accuracy.md", tmp_path))
 
 
 def test_speed_writes_a_rate_for_every_environment(brief: None, page: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from docs.tools import ranges, settings, vehicles
+from docs.tools import fields, settings, vehicles
 from quadpend_gym import OBSERVATION_FIELDS
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.tasks.observation import OBSERVATION_SCALE
@@ -26,7 +26,7 @@ def test_every_link_has_a_target(page: Path) -> None:
     assert [link for link in links if not link.startswith(made) and not (page.parent / link).exists()] == []
 
 
-@pytest.mark.parametrize("tool", [settings, ranges, vehicles], ids=lambda tool: tool.__name__)
+@pytest.mark.parametrize("tool", [settings, fields, vehicles], ids=lambda tool: tool.__name__)
 def test_generated_tables_are_those_of_the_code(tool: object) -> None:
     page = tool.PAGE.read_text(encoding="utf-8")  # type: ignore[attr-defined]
     missing = [name for name, table in tool.tables().items() if table not in page]  # type: ignore[attr-defined]
