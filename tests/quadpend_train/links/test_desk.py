@@ -20,8 +20,9 @@ from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_gym.vehicles import Simulation
 from quadpend_train.cli.main import main
 from quadpend_train.export.to_c import export_c
-from quadpend_train.flight_logs.log import Columns
+from quadpend_train.flight_logs.loop import loop_of
 from quadpend_train.flight_logs.readers import read_log
+from quadpend_train.flight_logs.replay import compare
 from quadpend_train.links import flight, motion_capture
 from quadpend_train.links.autopilots import Link, Msp, listen, open_link, parse_address
 from quadpend_train.links.desk import PERIOD, Desk
@@ -37,7 +38,7 @@ from quadpend_train.policies.loading import load_policy
 from tests.helpers import desk as flights
 
 HOVER = np.array([6.86, 0.0, 0.0, 0.0])
-LINEAR = ThrustCurve((0.0, 1.0), (0.2, 3.8))  # of the hummingbird
+LINEAR, LAG = ThrustCurve((0.0, 1.0), (0.2, 3.8)), 0.015  # of the hummingbird's rotors, s
 
 
 @pytest.fixture(scope="module")
@@ -480,7 +481,9 @@ def flies_well(flown: flights.Flown) -> bool:
     return bool((last.x - last.goal_x).abs().max() < 0.05 and last.goal_x.iloc[0] > 0.45)
 
 
-def test_a_flight_on_the_desk_catches_flies_to_a_set_point_and_is_released(lqg: Path, tmp_path: Path) -> None:
+def test_a_flight_on_the_desk_ends_in_the_hand_and_its_log_shows_the_loop(
+    lqg: Path, tmp_path: Path, breeze: Scenario
+) -> None:
     keys = *flights.START, (2.3, "fly", "i"), *flights.later(flights.END, 5.5)
     for seed in range(3):
         flown = flights.fly_on_the_desk(lqg, tmp_path, keys, seed=seed)
@@ -491,11 +494,15 @@ def test_a_flight_on_the_desk_catches_flies_to_a_set_point_and_is_released(lqg: 
     assert flies_well(flown)
     stages = flown.log.stage[flown.log.stage != flown.log.stage.shift()]
     assert stages.tolist() == ["OFF", "HOLD", "FLY", "HOLD", "OFF"]
-    columns = Columns(pole_direction=("rx", "ry", "rz"), motor_unit="1", measured=True, seconds=(2.0, 5.0))
-    log = read_log(tmp_path / "log.csv", columns)
-    assert log.pole is not None
+    log = read_log(tmp_path / "log.csv", tmp_path / "log.toml")
     assert log.period == pytest.approx(0.01, abs=1e-3)
-    assert 0.2 < log.motors.mean() < 0.9
+    assert 5.0 > log.period * len(log) > 4.0  # what flew
+    found = compare(log.part(0.3, 1.0), {"hummingbird": breeze.vehicle}, horizon=0.1)  # without the hand
+    for name in ("attitude", "rate", "pole"):
+        assert found["hummingbird"][name][-1] < found["held"][name][-1]
+    loop = loop_of(flown.log, LAG, seconds=(2.3, 5.6))
+    assert loop.latency == pytest.approx(0.02, abs=0.003)
+    assert loop.time_constant == pytest.approx(0.02, rel=0.2)
 
 
 EVENTS = {  # who takes which key, and within which time (ms) the motors stop: without and with the firmware

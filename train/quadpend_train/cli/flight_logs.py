@@ -41,6 +41,7 @@ def identify(
     vehicle: str,
     columns: Path | None = None,
     out: Path = Path("vehicle.toml"),
+    loop: bool = False,
 ) -> None:
     """Identify a vehicle from flight logs, and write its file and scenarios for training.
 
@@ -49,15 +50,24 @@ def identify(
         vehicle: Vehicle with the true masses, rotor positions and pivot, a preset or TOML file; the fit begins with it.
         columns: TOML file with the names and units of the logs' columns.
         out: Vehicle file. The scenarios are beside it, in NAME-training.toml.
+        loop: Print the latency and the time constant of the rate loop instead, from logs of `quadpend fly`; the lag of
+            the rotors is that of the vehicle.
     """
-    from quadpend_gym.vehicles import Simulation, doubts
+    from quadpend_gym.vehicles import Simulation, doubts, rotors_of
     from quadpend_gym.vehicles.vehicle import as_vehicle
     from quadpend_train.flight_logs.identify import identify as identify_from
-    from quadpend_train.flight_logs.readers import read_log
+    from quadpend_train.flight_logs.log import Columns
+    from quadpend_train.flight_logs.loop import loop_of
+    from quadpend_train.flight_logs.readers import as_columns, read_csv, read_log
     from quadpend_train.flight_logs.replay import compare, table
     from quadpend_train.flight_logs.vehicle_file import SETTINGS, write_vehicle
 
     start = as_vehicle(vehicle)
+    if loop:
+        for path in logs:
+            seconds = as_columns(columns, Columns()).seconds
+            print(f"{path}: {loop_of(read_csv(path), 0.5 * sum(rotors_of(start).lags), seconds).sentence()}.")
+        return
     found = identify_from([read_log(path, columns) for path in logs], start)
     print(found.table())
     for log in found.held_out:

@@ -42,6 +42,11 @@ _TOPICS = {  # of PX4: fields and the names of their columns
 }
 
 
+def as_columns(columns: Columns | str | Path | None, default: Columns) -> Columns:
+    """Return columns from themselves or the TOML file of their fields; None is the default."""
+    return Columns(**read_toml(Path(columns))) if isinstance(columns, str | Path) else columns or default
+
+
 def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> FlightLog:
     """Read a log; for a CSV file `columns` are a `Columns` or the TOML file of its fields, for others replacements."""
     path = Path(path)
@@ -49,8 +54,8 @@ def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> F
         ".ulg": (_px4, PX4, "a PX4 log (ULog)"),
         ".bbl": (_betaflight, BETAFLIGHT, "a Betaflight log, which begins with 'H Product:Blackbox'"),
         ".bfl": (_betaflight, BETAFLIGHT, "a Betaflight log, which begins with 'H Product:Blackbox'"),
-    }.get(path.suffix.lower(), (_csv, DEFAULT, "a line of names and rows of as many numbers (CSV, UTF-8)"))
-    known = Columns(**read_toml(Path(columns))) if isinstance(columns, str | Path) else columns or default
+    }.get(path.suffix.lower(), (read_csv, DEFAULT, "a line of names and rows of as many numbers (CSV, UTF-8)"))
+    known = as_columns(columns, default)
     try:
         table = read(path)
     except Exception as error:  # parsers raise errors of many types for damaged files
@@ -65,8 +70,8 @@ def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> F
     return log
 
 
-def _csv(path: Path) -> pd.DataFrame:
-    """Return all columns."""
+def read_csv(path: Path) -> pd.DataFrame:
+    """Return all columns of a CSV file."""
     before, zero, _ = path.read_bytes().partition(b"\0")
     if zero and (row := before.count(b"\n")):  # in the line of names: not UTF-8; pandas before 3.1 skips rows of zeros
         raise ValueError(f"it has zero bytes in row {row}; cut it there")

@@ -1,0 +1,66 @@
+"""The latency and the rate loop of a vehicle follow from a log of `quadpend fly`."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from quadpend_gym.scenarios import find_scenarios
+from quadpend_gym.vehicles import RateLoop
+from quadpend_train.cli.main import main
+from quadpend_train.flight_logs.loop import Loop, loop_of
+from quadpend_train.links.flight import COLUMNS
+from quadpend_train.policies.compiled import samples_of
+from quadpend_train.policies.loading import load_policy
+
+LAG, AHEAD = 0.015, 7.0  # s: of the hummingbird's rotors; by which the clock of the samples is ahead
+
+
+def flown(latency: float, time_constant: float, seed: int = 0, steps: int = 800) -> pd.DataFrame:
+    """What `fly` logs of a hover, with every tenth sample lost."""
+    scenario = find_scenarios(["flight_breeze"])["flight_breeze"]
+    vehicle = replace(scenario.vehicle, rate_loop=RateLoop(time_constant=time_constant))
+    scenario = replace(scenario, vehicle=vehicle, latency=latency, observation="lab")
+    policy, envs, memory = load_policy("lqg").adapt(scenario), scenario.make_vec(1), None
+    observation, _ = envs.reset(seed=seed)
+    rows, scale = [], scenario.simulation.command_scale
+    for step in range(steps):
+        action, memory = policy.predict(observation, memory, np.array([step == 0]))
+        command = scale * action[0].astype(float) + [scale[0], 0.0, 0.0, 0.0]
+        sample = np.append(samples_of(observation)[0, :10], 0.01 * step + AHEAD)
+        sample[:] = np.nan if step % 10 == 9 else sample
+        rows.append([0.01 * step, *sample, *command])
+        observation, *_ = envs.step(action)
+    names = "time", "x", "y", "z", "qw", "qx", "qy", "qz", "rx", "ry", "rz", "exposure", "thrust"
+    table = pd.DataFrame(rows, columns=[*names, "rate_x", "rate_y", "rate_z"]).reindex(columns=COLUMNS)
+    return table.assign(stage="FLY")
+
+
+@pytest.mark.parametrize(("latency", "time_constant"), [(0.01, 0.02), (0.03, 0.02), (0.02, 0.03)])
+def test_a_log_of_eight_seconds_shows_the_loop(latency: float, time_constant: float) -> None:
+    found = loop_of(flown(latency, time_constant), LAG)
+    assert found.latency == pytest.approx(latency, abs=0.0015)
+    assert found.time_constant == pytest.approx(time_constant, rel=0.06)
+    assert max(found.deviations) < 0.001
+
+
+def test_identify_prints_the_loop_and_refuses_logs_without_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, columns = tmp_path / "log.csv", tmp_path / "log.toml"
+    table = flown(0.02, 0.02)
+    table.to_csv(log, index=False)
+    columns.write_text("seconds = [0.0, 1.5]")
+    command = "identify", str(log), "--vehicle", "hummingbird", "--loop"
+    main([*command])
+    assert str(log) in (shown := capsys.readouterr().out)
+    assert "latency 2" in shown or "latency 1" in shown
+    with pytest.raises(SystemExit):
+        main([*command, "--columns", str(columns)])
+    assert "the log must have at least 200 samples in flight in seconds 0 to 1.5, not 1" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="from a log of `quadpend fly`, which has a column 'exposure'"):
+        loop_of(table.drop(columns="exposure"), LAG)
+    sentence = Loop(0.02, 0.03, (0.001, 0.002)).sentence()
+    assert sentence.startswith("latency 20.0 ms (17.9 to 22.1), rate_loop.time_constant 30.0 ms (25.9 to 34.1)")
