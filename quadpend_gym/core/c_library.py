@@ -16,18 +16,24 @@ from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
 
+from llvmlite.binding import get_host_cpu_name
+
 # No contraction of products and sums, so that the numbers are CasADi's to the last bit. No other library replaces the
 # functions of this one, so the compiler may inline them, which saves a tenth of the time; nobody reads errno.
 _FLAGS = ("-O2", "-ffp-contract=off", "-fno-semantic-interposition", "-fno-math-errno", "-fPIC", "-shared")
+# Of what promises no bits: sums in any order, and the instructions of this processor. -ffast-math would change how the
+# whole process rounds.
+FAST = ("-O3", "-march=native", "-ffp-contract=fast", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math")
 
 
-def load_c(source: str) -> ctypes.CDLL:
-    """Return the library of a C source, from the cache or new.
+def load_c(source: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL:
+    """Return the library of a C source, from the cache or new, compiled with further flags.
 
     Raises:
         OSError: There is no C compiler, or it fails.
     """
-    key = " ".join((os.environ.get("CC", ""), *_FLAGS, source))  # a library in the cache needs no compiler
+    machine = get_host_cpu_name() if flags else ""
+    key = " ".join((os.environ.get("CC", ""), *_FLAGS, *flags, machine, source))  # a library in the cache needs no compiler
     library = cache_path(f"{sha256(key.encode()).hexdigest()[:24]}.so")
     if library.exists():
         with suppress(OSError):  # the file is damaged
@@ -35,7 +41,7 @@ def load_c(source: str) -> ctypes.CDLL:
     with TemporaryDirectory(dir=library.parent) as name:
         file, new = Path(name, "generated.c"), Path(name, "generated.so")
         file.write_text(source, encoding="utf-8")
-        run_compiler([*c_compiler(), *_FLAGS, "-o", str(new), str(file), "-lm"])
+        run_compiler([*c_compiler(), *_FLAGS, *flags, "-o", str(new), str(file), "-lm"])
         with new.open("rb+") as made:
             os.fsync(made.fileno())  # a library that a power failure had cut would kill the process that loads it
         os.replace(new, library)

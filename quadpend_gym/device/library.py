@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from quadpend_gym.core.c_library import load_c
+from quadpend_gym.core.c_library import FAST, load_c
 
 OPTIONS = ("--fmad=true", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")  # of NVRTC
 
@@ -43,7 +43,7 @@ class Library:
         self._context: Any = None
         self._find: Callable[[str], Any]
         if device == "c":
-            library = load_c(defines + source)
+            library = load_c(defines + source, FAST if dtype is torch.float32 else ())
             self._find = lambda name: getattr(library, name)
             self._launch: Any = lambda function, rows, values: function(rows, *values)
         else:

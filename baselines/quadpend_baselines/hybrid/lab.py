@@ -1,39 +1,41 @@
 """Inputs of a policy on the observation `LAB`: the latest sample relative to the reference's trajectory, and a memory.
 
-No observer estimates anything. The trajectory x_d, a_d of the nominal vehicle follows the reference in still air, whose
-drag it knows. m are the deviations from it, in the axes of the heading, so that no input depends on place or heading.
+The trajectory x_d of the nominal vehicle follows the reference in still air, whose drag it knows, and a_d follows it at
+the time when the next action acts. m are the deviations from it, in the axes of the heading, so that no input depends
+on place or heading.
 
 A sample that repeats the one before, or lies too far from it (1), is not taken: m keeps its value, and the time g since
-the last sample grows by the control period T. With a sample, the lags of first-order filters of x = (m, a_{k−1} − a_d),
-with x as a line between two samples, are
+the last sample grows by the control period T. With a sample, the lags of first-order filters of x = (m, u), where u is
+the last action less its a_d, with x as a line between two samples, are
 
     (1)  |p − p⁻| < 0.03 m + 3 m/s · g                     ⁻: at the last sample
     (2)  L = e^{−g/τ} L⁻ + (1 − e^{−g/τ}) τ/g (x − x⁻),    τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   L = 0 at the start
-    (3)  N = e^{−g/τ} N⁻ + (1 − e^{−g/τ}) L,               the first three τ;                  N = 0 at the start
 
-L is about τ ẋ where x changes slowly. From L and N a network can infer velocities, the response to its actions, mean
-wind and biases.
+L is about τ ẋ where x changes slowly. From L a network can infer velocities, the response to its actions, mean wind and
+biases of any vehicle; from the filter of `constant_gain` those of the nominal one, near hover, with less noise.
 
 | part                                                                                     | size | scale              |
 |------------------------------------------------------------------------------------------|------|--------------------|
 | m: tracking error (m); r_x r_y and φ θ less those of the trajectory; ψ_e (rad)           | 8    | 0.05 m, 0.05, 0.1  |
-| a_{k−1} − a_d; g is T for it                                                             | 4    | 0.2                |
-| L for each τ, then N                                                                     | 96   | as m and action    |
+| u; g is T for it                                                                         | 4    | 0.2                |
+| L for each τ                                                                             | 60   | as m and u         |
 | a_d                                                                                      | 4    | 1                  |
-| acceleration of the reference in the axes of the heading, and the rate of its yaw        | 4    | 2 m/s², 1 rad/s    |
+| acceleration of the reference then in the axes of the heading, and the rate of its yaw   | 4    | 2 m/s², 1 rad/s    |
 | velocity of the reference in these axes                                                  | 3    | 2 m/s              |
 | time since the last sample                                                               | 1    | 0.05 s             |
 | believed length and mass of the pole                                                     | 2    | of the observation |
+| filter of constant gain, and its innovation, see `constant_gain`                         | 36   | its own            |
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from quadpend_baselines.controllers.lqr import deviation
-from quadpend_baselines.estimation.estimate import LOOP, law_inputs
+from quadpend_baselines.estimation.estimate import LOOP, PLACE, STATE, law_inputs
 from quadpend_baselines.estimation.measurement import measure_in_world
-from quadpend_baselines.estimation.prediction import store_drag
+from quadpend_baselines.estimation.prediction import move_reference, store_drag
+from quadpend_baselines.hybrid.constant_gain import MEASURED_SIZE, OBSERVED_SIZE, constant_gain, observe
 from quadpend_baselines.hybrid.parts import InputPart, Seen
 from quadpend_baselines.modelling.equivalent import equivalent_model, unpack_pendulum
 from quadpend_baselines.modelling.quantities import calm, turn3
@@ -45,70 +47,97 @@ from quadpend_gym.physics.attitude import body_rate
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE, ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import unpack_rigid
-from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION
+from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, POSITION
 from quadpend_gym.physics.vectors import Vec3, axpy, multiply, store, store_four
 from quadpend_gym.tasks.observation import LAB
 
 _TIMES = np.array([0.02, 0.06, 0.2, 0.6, 2.0])  # τ, s
-_TWICE = 3  # of them have N, too
 _FAR, _SPEED = 0.03, 3.0  # of (1), m and m/s
 _SAME = 1e-6  # a sample that differs by less repeats the one before
 _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
 _OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0])  # scales
 _MEASURED, _SIZE = 8, len(_SCALE)
 _LAGS = _SIZE * len(_TIMES)
-_FILTERED = _LAGS + _SIZE * _TWICE
-_LAG, _FOLLOWING = _SIZE, _SIZE + _FILTERED  # places in the inputs
+_LAG, _FOLLOWING = _SIZE, _SIZE + _LAGS  # places in the inputs
 FOLLOWING = slice(_FOLLOWING, _FOLLOWING + ACTION_SIZE)  # a_d, to which the policy's action is added
 _MOTION = _FOLLOWING + ACTION_SIZE
 _GAP = _MOTION + len(_OF_REFERENCE)
-LAB_SIZE = _GAP + 3
-# Memory: x, L, N, the last sample's position and direction, the time since, and 1 after the first step of an episode
-_SAMPLE = _SIZE + _FILTERED
-_SINCE, _BEGUN = _SAMPLE + 6, _SAMPLE + 7
-REMEMBERED_SIZE = _BEGUN + 1
+_OWN_SIZE = _GAP + 3
+LAB_SIZE = _OWN_SIZE + OBSERVED_SIZE
+# Memory: x, L, the last sample's position and direction, the time since, 1 after the first step, a_d, and the filter's
+_SAMPLE = _SIZE + _LAGS
+_SINCE, _BEGUN, _FOLLOWED = _SAMPLE + 6, _SAMPLE + 7, _SAMPLE + 8
+_OWN_MEMORY = _FOLLOWED + ACTION_SIZE
 _POLE = LAB.columns["pole"].start
+
+
+class Deviations(NamedTuple):
+    """What a step knows of the trajectory, arrays of n rows."""
+
+    measured: Floats  # measurements as in an estimate, the reference at the time when the next action acts, (n, 105)
+    command: Floats  # of the trajectory then, N and N·m, (n, 4)
+    desired: Floats  # rates and thrusts of the trajectory then, (n, 11)
+    y: Floats  # deviations of position, attitude and direction, (n, 8)
+    sample: Floats  # see `constant_gain.observe`, (n, 4)
+    reference: Floats  # the same now, see `constant_gain.observe`, (n, 14)
 
 
 @compiled
 def _deviations(
-    seen: Floats, packed: Floats, packed_rigid: Floats | None, areas: tuple[float, float], measured: Floats,
-    command: Floats, desired: Floats, out: Floats,
+    seen: Floats, packed: Floats, packed_rigid: Floats | None, areas: tuple[float, float], latency: float,
+    found: Deviations, out: Floats,
 ) -> None:  # fmt: skip
-    """Write measurements, the command and rates and thrusts of the trajectory, m, and what the reference does."""
-    pendulum = unpack_pendulum(packed)
+    """Write what a step knows of the trajectory, m, and what the reference does."""
+    pendulum, measured = unpack_pendulum(packed), found.measured
     p, rigid = pendulum.vehicle, None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
         measure_in_world(seen.T, row, p.rod_length, p.bob_mass, measured.T)
         if rigid is not None:
             store_drag(measured.T, row, 1.0, areas, rigid.rotor_drag)
         state, _, reference = law_inputs(measured, row)
+        error, _ = deviation(state, calm(), reference, pendulum, rigid)
+        tracking = axpy(p.rod_length, Vec3(error.direction.x, error.direction.y, 0.0), error.position)
+        for i in range(3):
+            out[row, i], out[row, 5 + i] = tracking[i] / _SCALE[i], error.euler[i] / _SCALE[5 + i]
+            found.y[row, i], found.y[row, 3 + i] = error.position[i], error.euler[i]
+        for i in range(2):
+            out[row, 3 + i], found.y[row, 6 + i] = error.direction[i] / _SCALE[3 + i], error.direction[i]
+            out[row, _GAP + 1 + i] = seen[row, _POLE + i]
+        (_, roll), (_, pitch) = sincos(state.euler.x), sincos(state.euler.y)
+        (_, wanted_roll) = sincos(state.euler.x - error.euler.x)
+        (_, wanted_pitch) = sincos(state.euler.y - error.euler.y)
+        found.sample[row, 0], found.sample[row, 3] = state.euler.z, roll * pitch - wanted_roll * wanted_pitch
+        for i in range(12):
+            found.reference[row, i] = measured[row, PLACE + i]
+        found.reference[row, 12], found.reference[row, 13] = reference.yaw.x, reference.yaw.y
+        move_reference(measured.T, row, latency)
+        if rigid is not None:
+            store_drag(measured.T, row, 1.0, areas, rigid.rotor_drag)
+        measured[row, STATE + EULER + 2] += latency * reference.yaw.y
+        state, _, reference = law_inputs(measured, row)
         error, wanted = deviation(state, calm(), reference, pendulum, rigid)
-        store_four(command.T, 0, row, wanted)
+        store_four(found.command.T, 0, row, wanted)
         if rigid is not None:
             euler = Vec3(state.euler.x - error.euler.x, state.euler.y - error.euler.y, state.euler.z)
-            store(desired.T, BODY_RATE, row, body_rate(euler, axpy(-1.0, error.euler_rate, state.euler_rate)))
-            store_four(desired.T, ROTOR_THRUST, row, multiply(rigid.rotors.unmixing, wanted))
-        tracking = axpy(p.rod_length, Vec3(error.direction.x, error.direction.y, 0.0), error.position)
+            rate = body_rate(euler, axpy(-1.0, error.euler_rate, state.euler_rate))
+            store(found.desired.T, BODY_RATE, row, rate)
+            store_four(found.desired.T, ROTOR_THRUST, row, multiply(rigid.rotors.unmixing, wanted))
         sine, cosine = sincos(state.euler.z)
         acceleration, velocity = turn3(reference.d2, -sine, cosine), turn3(reference.d1, -sine, cosine)
         for i in range(3):
-            out[row, i], out[row, 5 + i] = tracking[i] / _SCALE[i], error.euler[i] / _SCALE[5 + i]
             out[row, _MOTION + i] = acceleration[i] / _OF_REFERENCE[i]
             out[row, _MOTION + 4 + i] = velocity[i] / _OF_REFERENCE[4 + i]
-        for i in range(2):
-            out[row, 3 + i] = error.direction[i] / _SCALE[3 + i]
-            out[row, _GAP + 1 + i] = seen[row, _POLE + i]
         out[row, _MOTION + 3] = reference.yaw.y / _OF_REFERENCE[3]
 
 
 @compiled
 def _filter(
-    measured: Floats, action: Floats, following: Floats32, period: float, last: Floats, out: Floats, now: Floats
-) -> None:
-    """Write the other inputs and the next memory, equations (1) to (3)."""
+    found: Deviations, action: Floats, following: Floats32, period: float, last: Floats, u: Floats, out: Floats,
+    now: Floats,
+) -> None:  # fmt: skip
+    """Write u, the other inputs and the next memory, equations (1) and (2)."""
     for row in range(out.shape[0]):
-        begun, gap = last[row, _BEGUN], last[row, _SINCE] + period
+        measured, begun, gap = found.measured, last[row, _BEGUN], last[row, _SINCE] + period
         changed = distance = 0.0
         for i in range(3):
             step = measured[row, POSITION + i] - last[row, _SAMPLE + i]
@@ -122,10 +151,12 @@ def _filter(
             now[row, place] = select(is_taken > 0.5, measured[row, POSITION + i], last[row, place])
             now[row, place + 3] = select(is_taken > 0.5, measured[row, DIRECTION + i], last[row, place + 3])
         now[row, _SINCE], now[row, _BEGUN] = select(is_taken > 0.5, 0.0, gap), 1.0
+        found.sample[row, 1], found.sample[row, 2] = now[row, _SINCE], begun
         out[row, _GAP] = now[row, _SINCE] / 0.05
         for i in range(ACTION_SIZE):
-            out[row, _FOLLOWING + i] = following[row, i]
-            out[row, _MEASURED + i] = (action[row, i] - following[row, i]) / _SCALE[_MEASURED + i]
+            out[row, _FOLLOWING + i] = now[row, _FOLLOWED + i] = following[row, i]
+            u[row, i] = select(begun > 0.5, action[row, i] - last[row, _FOLLOWED + i], 0.0)
+            out[row, _MEASURED + i] = u[row, i] / _SCALE[_MEASURED + i]
         for i in range(_SIZE):
             taken, time = (is_taken, gap) if i < _MEASURED else (1.0, period)
             out[row, i] = select(taken > 0.5, out[row, i], last[row, i])
@@ -137,26 +168,24 @@ def _filter(
                 lag = left * last[row, place] + (1.0 - left) * ratio * change
                 now[row, place] = select(taken > 0.5, lag, last[row, place])
                 out[row, _LAG + _SIZE * j + i] = now[row, place]
-                if j < _TWICE:
-                    again = place + _LAGS
-                    twice = left * last[row, again] + (1.0 - left) * now[row, place]
-                    now[row, again] = select(taken > 0.5, twice, last[row, again])
-                    out[row, _LAG + _LAGS + _SIZE * j + i] = now[row, again]
 
 
 def _lab(simulation: Simulation, seen: Seen, memory: Any) -> tuple[Any, Any]:
     LAB.check(seen.observation)
     observed, action = seen.observation.astype(np.float64), seen.action.astype(np.float64)
-    rows, model = len(observed), equivalent_model(simulation)
-    measured, command, desired = np.zeros((rows, LOOP)), np.empty((rows, 4)), np.empty((rows, RIGID_SIZE))
-    out, now = np.empty((rows, LAB_SIZE)), np.empty((rows, REMEMBERED_SIZE))
+    rows, model, numbers = len(observed), equivalent_model(simulation), constant_gain(simulation)
+    sizes = LOOP, ACTION_SIZE, RIGID_SIZE, MEASURED_SIZE, 4, 14
+    found = Deviations(*[np.zeros((rows, size)) for size in sizes])
+    out, now, u = np.empty((rows, _OWN_SIZE)), np.empty((rows, _OWN_MEMORY)), np.empty((rows, ACTION_SIZE))
     areas = simulation.parameters.quadrotor_drag_area, simulation.parameters.bob_drag_area
-    _deviations(observed, model.packed, model.packed_rigid, areas, measured, command, desired, out)
-    following = plant_of(simulation).actions_for(command, desired)
-    _filter(measured, action, following, simulation.period, memory, out, now)
-    return out, now
+    _deviations(observed, model.packed, model.packed_rigid, areas, simulation.latency, found, out)
+    following = plant_of(simulation).actions_for(found.command, found.desired)
+    _filter(found, action, following, simulation.period, memory, u, out, now)
+    estimated, after = np.empty((rows, OBSERVED_SIZE)), np.empty((rows, numbers.memory_size))
+    observe(numbers, found.y, found.sample, found.reference, u, memory[:, _OWN_MEMORY:], after, estimated)
+    return np.concatenate([out, estimated], axis=1), np.concatenate([now, after], axis=1)
 
 
 def lab_part(simulation: Simulation) -> InputPart:
     """Return the inputs of the table for a nominal vehicle."""
-    return InputPart(LAB_SIZE, REMEMBERED_SIZE, _lab, simulation)
+    return InputPart(LAB_SIZE, _OWN_MEMORY + constant_gain(simulation).memory_size, _lab, simulation)

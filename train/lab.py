@@ -1,9 +1,9 @@
 """Train networks that balance on measurements alone, on a GPU: imitation of `lqg`, then gradients of the tracking cost.
 
-    python train/lab_gpu.py --out runs/lab                                      # five networks (seeds) side by side
-    python train/lab_gpu.py --kernels DIR --prepare                             # only writes the sources
-    python train/lab_gpu.py --kernels DIR                                       # needs no CasADi then
-    python train/lab_gpu.py --device c --seeds 1 --rows 32                      # without a GPU: about two hours
+    python train/lab.py --out runs/lab                                          # five networks (seeds) side by side
+    python train/lab.py --kernels DIR --prepare                                 # only writes the sources
+    python train/lab.py --kernels DIR                                           # needs no CasADi then
+    python train/lab.py --device c --seeds 0 --rows 32                          # without a GPU, one of them
 
 The networks read the inputs of `quadpend_baselines.hybrid.lab`. Environments, inputs, the teacher (the C that `quadpend
 export` writes) and the derivatives of the motion are generated kernels. A window of flight and its update are one CUDA
@@ -17,6 +17,7 @@ import re
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -26,7 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from quadpend_baselines.hybrid.lab import FOLLOWING, LAB_SIZE, REMEMBERED_SIZE
+from quadpend_baselines.hybrid.lab import FOLLOWING, LAB_SIZE, lab_part
 from quadpend_baselines.policy.told import scaled_pole
 from quadpend_gym import __version__
 from quadpend_gym.device.env import Kernel, Motion, QuadPendulumDeviceEnv
@@ -38,6 +39,7 @@ from quadpend_gym.scenarios.library import as_scenario
 from quadpend_gym.tasks.observation import LAB
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.wind.base import SAMPLE_SIZE
+from quadpend_train.common.files import atomic
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 
 NOISE = {"kind": "noise", "position": 0.0005, "euler": {"white": 0.001, "bias": 0.01}, "direction": 0.0006}
@@ -116,10 +118,11 @@ MOTION: tuple[str, dict[str, Any]] = (
     {"loop": {"latency": [0.01, 0.038], "jitter": 0.002, "changes": {"at": [2.0, 6.0], "rotors": [0.25, 1.0]}}},
 )
 TAUGHT = 400  # numbers that a teacher remembers, at most
-HEAD = f"/* quadpend_gym {__version__}: {LAB_SIZE} inputs with {REMEMBERED_SIZE} numbers of memory */\n"
+HEAD = f"/* quadpend_gym {__version__}: {LAB_SIZE} inputs */\n"
 NEVER = -1e6  # when an action acts that is older than all under way
 HIDDEN = 128  # width of the two hidden layers
 STEPS, BATCHES = 16, 8  # of a window of imitation
+PARTS = 10  # of imitation and of gradients, after which an interrupted training goes on
 WINDOW = 100  # control steps of a window of gradients
 RESTARTED = 0.125  # share of the rows that begin an episode with each window of gradients
 RATES = (3e-3, 1e-5), (7e-4, 1e-5)  # learning rates of the imitation and of the gradients, from and to
@@ -158,22 +161,22 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--prepare", action="store_true", help="only write the generated sources")
     add("--device", default="cuda", help="cuda, or c for the processor")
     add("--scenarios", nargs="+", default=[*CHANGES, *POLES], help="some of the training scenarios")
-    add("--seeds", type=int, default=5, help="number of networks, which train side by side")
+    add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="of the networks, which train side by side")
     add("--rows", type=int, default=128, help="sub-environments of a network in each scenario")
     add("--imitation", type=int, default=2600, help="windows of 16 steps in which the networks imitate lqg")
     add("--gradients", type=int, default=1380, help="windows of 100 steps of gradients")
     args = parser.parse_args(arguments)
     if unknown := set(args.scenarios) - {*CHANGES, *POLES}:
         parser.error(f"there is no training scenario {min(unknown)!r}, only {', '.join([*CHANGES, *POLES])}")
-    for name, least in {"seeds": 1, "rows": 1, "imitation": 0, "gradients": 0}.items():
+    for name, least in {"rows": 1, "imitation": 0, "gradients": 0}.items():
         if (number := getattr(args, name)) < least:
             parser.error(f"--{name} must be at least {least}, not {number}")
     if not (args.imitation or args.gradients or args.prepare):
         parser.error("--imitation and --gradients are both 0: nothing would be trained")
     if not args.prepare and args.device != "c" and not torch.cuda.is_available():
         parser.error(f"--device {args.device} needs a GPU, and PyTorch finds none: --device c trains on a processor")
-    if not args.prepare and (args.out / "lab-0.npz").exists():
-        parser.error(f"{args.out}/lab-0.npz exists: give another --out")
+    if not args.prepare and (made := args.out / f"lab-{args.seeds[0]}.npz").exists():
+        parser.error(f"{made} exists: give another --out")
     args.kernels = args.kernels or args.out / "kernels"
     return args
 
@@ -192,7 +195,6 @@ def prepare(folder: Path, vehicle: str) -> None:
     """Write the source of inputs and teacher for the vehicle of a scenario, ``"pole 0.35"``, or for the hummingbird."""
     import casadi as ca
 
-    from quadpend_baselines.hybrid.lab import lab_part
     from quadpend_gym.device.control_step import rows_of
     from quadpend_train.common.lifted import function, row, seen_by
     from quadpend_train.export.to_c import export_c
@@ -205,7 +207,7 @@ def prepare(folder: Path, vehicle: str) -> None:
         nothing = ca.SX(ACTION_SIZE, 1), ca.SX(0, 1), row(ca.SX(0, 1))
         return dict(zip(("seen", "after"), seen_by((part,), observed, action, *nothing, memory), strict=True))
 
-    read = function("read", make, observed=LAB.size, action=ACTION_SIZE, memory=REMEMBERED_SIZE)
+    read = function("read", make, observed=LAB.size, action=ACTION_SIZE, memory=part.memory_size)
     symbols, bars = read.sx_in(), [ca.SX.sym("bar", read.numel_out(i)) for i in range(2)]
     total = sum(ca.dot(value, bar) for value, bar in zip(read(*symbols), bars, strict=True))
     products = ca.cse([ca.densify(ca.gradient(total, symbol)) for symbol in symbols])
@@ -232,13 +234,13 @@ class Inputs(torch.autograd.Function):
         """Return inputs and memory."""
         ctx.vehicles = vehicles
         ctx.save_for_backward(observed, action, memory)
-        return Inputs.run(vehicles, "read_rows", (observed, action, memory), (LAB_SIZE, REMEMBERED_SIZE))
+        return Inputs.run(vehicles, "read_rows", (observed, action, memory), (LAB_SIZE, len(memory)))
 
     @staticmethod
     def backward(ctx: Any, *bars: Tensor) -> Any:
         """Return the gradients."""
         given = (*ctx.saved_tensors, *bars)
-        return None, *Inputs.run(ctx.vehicles, "back_rows", given, (LAB.size, ACTION_SIZE, REMEMBERED_SIZE))
+        return None, *Inputs.run(ctx.vehicles, "back_rows", given, (LAB.size, ACTION_SIZE, len(bars[1])))
 
     @staticmethod
     def run(vehicles: Any, name: str, given: tuple[Tensor, ...], sizes: tuple[int, ...]) -> tuple[Tensor, ...]:
@@ -254,16 +256,17 @@ class Inputs(torch.autograd.Function):
 class Networks(nn.Module):
     """Networks side by side: every parameter has one of each first."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, seeds: list[int]) -> None:
         super().__init__()
+        count = len(seeds)
         sizes = (LAB_SIZE, HIDDEN), (HIDDEN, HIDDEN), (HIDDEN, ACTION_SIZE)
         self.weights = nn.ParameterList(torch.empty(count, *size) for size in sizes)
         self.biases = nn.ParameterList(torch.zeros(count, 1, size[1]) for size in sizes)
-        for seed in range(count):
+        for i, seed in enumerate(seeds):
             random = torch.Generator().manual_seed(seed)
             for weights in self.weights:
                 gain = 0.01 if weights.shape[2] == ACTION_SIZE else 1.4
-                nn.init.orthogonal_(weights.data[seed], gain, generator=random)
+                nn.init.orthogonal_(weights.data[i], gain, generator=random)
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the outputs, shape (networks, n, 4), for inputs of shape (networks, n, inputs)."""
@@ -278,7 +281,7 @@ class Flight:
 
     def __init__(self, args: argparse.Namespace) -> None:
         self.args, self.device = args, torch.device("cpu" if args.device == "c" else args.device)
-        names, each, folder = args.scenarios, args.seeds * args.rows, args.kernels
+        names, each, folder = args.scenarios, len(args.seeds) * args.rows, args.kernels
         self.columns = [slice(i * each, (i + 1) * each) for i in range(len(names))]
         self.rows, parts = each * len(names), [name if name in POLES else "hummingbird" for name in names]
         spans = [
@@ -304,14 +307,25 @@ class Flight:
         self.motion = Motion(MOTION[0], device=args.device, kernel=folder / "motion.c", **MOTION[1])
         self.vehicles = [(library, rows) for library, (_, rows) in zip(found, spans, strict=True)]
         self.taught = [self.zeros(TAUGHT, rows.stop - rows.start) for _, rows in self.vehicles]
-        self.seen = torch.cat([env.reset(seed=10_000_000 + 100_000 * i)[0].T for i, env in enumerate(self.envs)], 1)
-        self.action, self.memory = self.zeros(ACTION_SIZE, self.rows), self.zeros(REMEMBERED_SIZE, self.rows)
+        remembered = lab_part(training_scenario("wind").simulation).memory_size
+        self.seen, self.memory = self.zeros(LAB.size, self.rows), self.zeros(remembered, self.rows)
+        self.action = self.zeros(ACTION_SIZE, self.rows)
         self.begun = torch.ones(self.rows, dtype=torch.bool, device=self.device)
+        self.begin(0)
         tasks = [env.scenario.task.limits for env in self.envs]
         limits = [[np.cos(item.pendulum_angle), np.cos(item.body_angle), item.tracking_error] for item in tasks]
         self.limits = self._per_row(limits)
         (self.unscored,) = self._per_row([[env.scenario.unscored] for env in self.envs])
         self.loop, self.arrival = self._nominal()
+
+    def begin(self, part: int) -> None:
+        """Begin other flights, those of a part of the training."""
+        first = 10_000_000 * (1 + self.args.seeds[0]) + 4_000_000 * self.args.seeds[0] + 200_000 * part
+        for i, (env, rows) in enumerate(zip(self.envs, self.columns, strict=True)):
+            self.seen[:, rows] = env.reset(seed=first + 5_000 * i)[0].T
+        for memory in (self.action, self.memory, *self.taught):
+            memory.zero_()
+        self.begun.fill_(True)
 
     def zeros(self, *shape: int) -> Tensor:
         """Return zeros on the device."""
@@ -393,17 +407,17 @@ class Flight:
 
     def for_networks(self, items: Tensor) -> Tensor:
         """Return an array of shape (k, rows) as (networks, rows of one, k)."""
-        parts = items.view(len(items), len(self.envs), self.args.seeds, self.args.rows)
+        parts = items.view(len(items), len(self.envs), -1, self.args.rows)
         return parts.permute(2, 1, 3, 0).flatten(1, 2)
 
     def for_rows(self, items: Tensor) -> Tensor:
         """Undo `for_networks`."""
-        parts = items.view(self.args.seeds, len(self.envs), self.args.rows, -1)
+        parts = items.view(len(items), len(self.envs), self.args.rows, -1)
         return parts.permute(3, 1, 0, 2).flatten(1)
 
     def mean(self, items: Tensor) -> Tensor:
         """Return the means of numbers of the rows in each scenario, shape (scenarios, networks)."""
-        return items.view(len(self.envs), self.args.seeds, self.args.rows).mean(2)
+        return items.view(len(self.envs), -1, self.args.rows).mean(2)
 
 
 def measured(x: Tensor) -> Tensor:
@@ -436,15 +450,14 @@ class Trainer:
 
     def __init__(self, args: argparse.Namespace) -> None:
         self.args, self.flight = args, Flight(args)
-        torch.manual_seed(0)
         device, fast = self.flight.device, self.flight.device.type == "cuda"
         self.networks = Networks(args.seeds).to(device)
         self.parameters = list(self.networks.parameters())
         self.rate, self.share = torch.tensor(0.0, device=device), torch.tensor(1.0, device=device)
         self.optimizer = torch.optim.Adam(self.parameters, lr=self.rate, capturable=fast, fused=fast)
         spread = 0.1 * torch.linspace(0.0, 1.0, args.rows, device=device) ** 2
-        self.noise = spread.repeat(len(self.flight.envs) * args.seeds)  # standard deviation of that on the actions
-        self.loss, shape = self.flight.zeros(args.seeds), (len(self.flight.envs), args.seeds)
+        self.noise = spread.repeat(len(self.flight.envs) * len(args.seeds))  # standard deviation of that on the actions
+        self.loss, shape = self.flight.zeros(len(args.seeds)), (len(self.flight.envs), len(args.seeds))
         self.falls, self.squares, self.scored = (self.flight.zeros(*shape) for _ in range(3))
 
     def act(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
@@ -492,7 +505,7 @@ class Trainer:
         seen, action, memory = flight.seen.clone(), flight.action.clone(), flight.memory.clone()
         x, under_way = flight.gather("x").clone(), flight.under_way()
         squares, further, scored = [], [], []
-        bound = LARGEST * self.args.seeds / (WINDOW * flight.rows)
+        bound = LARGEST * len(self.args.seeds) / (WINDOW * flight.rows)
 
         def limited(bar: Tensor) -> Tensor:
             finite: Tensor = bar.nan_to_num(0.0, 0.0, 0.0)
@@ -536,11 +549,11 @@ class Trainer:
 
     def graphed(self, function: Callable[[], None]) -> Callable[[], None]:
         """Return a function as a CUDA graph; what the networks learned while it was warmed up is undone."""
-        start = [p.detach().clone() for p in self.parameters]
         for p in self.parameters:
             p.grad = torch.zeros_like(p)
         run = function
         if self.flight.device.type == "cuda":
+            start = deepcopy(self.state())
             stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
             stream.wait_stream(torch.cuda.current_stream())
             with torch.cuda.stream(stream):
@@ -551,27 +564,54 @@ class Trainer:
             with torch.cuda.graph(graph):
                 function()
             run = graph.replay
-        with torch.no_grad():
-            for p, value in zip(self.parameters, start, strict=True):
-                p.copy_(value)
-            for state in self.optimizer.state.values():
-                for value in state.values():
-                    value.zero_()
+            self.set_state(start)
         return run
 
+    def state(self) -> dict[str, Any]:
+        """Return what the networks have learned."""
+        return {"networks": self.networks.state_dict(), "optimizer": self.optimizer.state_dict()["state"]}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Set what `state` returned, in place."""
+        self.networks.load_state_dict(state["networks"])
+        with torch.no_grad():
+            for i, p in enumerate(self.parameters):
+                for name, value in self.optimizer.state[p].items():
+                    given = state["optimizer"].get(i)
+                    value.copy_(given[name]) if given else value.zero_()
+
     def train(self) -> None:
-        """Imitate, then improve."""
-        begin = time.perf_counter()
+        """Imitate, then improve, each in ten parts; what an interrupted training has done of them is not repeated."""
+        how = {name: getattr(self.args, name) for name in ("scenarios", "seeds", "rows", "imitation", "gradients")}
+        file, done, seconds, runs = self.args.out / "training.pt", 0, 0.0, {}
+        if file.exists():
+            found = torch.load(file, map_location=self.flight.device)
+            if found["how"] != how:
+                raise SystemExit(f"{file} is of a training with other settings: give another --out")
+            done, seconds = found["done"], found["seconds"]
+            for p in self.parameters:
+                self.optimizer.state[p] = {}
+            self.optimizer.load_state_dict({**self.optimizer.state_dict(), "state": found["optimizer"]})
+            self.optimizer.param_groups[0]["lr"] = self.rate
+            self.networks.load_state_dict(found["networks"])
         stages = (self.imitate, self.args.imitation, RATES[0]), (self.improve, self.args.gradients, RATES[1])
-        for function, count, (first, last) in stages:
-            run = self.graphed(function) if count else function
-            for k in range(count):
+        for part in range(done, 2 * PARTS):
+            begin, (function, count, (first, last)) = time.perf_counter(), stages[part // PARTS]
+            if count and function not in runs:
+                runs = {function: self.graphed(function)}
+            self.flight.begin(part)
+            torch.manual_seed(1000 * self.args.seeds[0] + part)
+            for k in range(count * (part % PARTS) // PARTS, count * (part % PARTS + 1) // PARTS):
                 self.share.fill_(max(1.0 - 5.0 * k / count, 0.0))
                 self.rate.fill_(first * (last / first) ** (k / count))
-                run()
-                if (k + 1) % max(count // 10, 1) == 0:
-                    self.report(f"{function.__name__} {k + 1}, {time.perf_counter() - begin:.0f} s")
-        self.save(round(time.perf_counter() - begin))
+                runs[function]()
+            seconds += time.perf_counter() - begin
+            if count:
+                self.report(f"{function.__name__} {part % PARTS + 1}/{PARTS}, {seconds:.0f} s")
+                self.args.out.mkdir(parents=True, exist_ok=True)
+                with atomic(file) as new:
+                    torch.save({**self.state(), "how": how, "done": part + 1, "seconds": seconds}, new)
+        self.save(how | {"seconds": round(seconds)})
 
     def report(self, head: str) -> None:
         """Print the losses, and in each scenario the falls of a network and its root mean square error (mm)."""
@@ -582,11 +622,10 @@ class Trainer:
         for item in (self.falls, self.squares, self.scored):
             item.zero_()
 
-    def save(self, seconds: int) -> None:
+    def save(self, how: dict[str, Any]) -> None:
         """Write a policy file for each network."""
         cuda = self.flight.device.type == "cuda"
-        how = {name: getattr(self.args, name) for name in ("scenarios", "seeds", "rows", "imitation", "gradients")}
-        how |= {"seconds": seconds, "device": torch.cuda.get_device_name() if cuda else "c", "torch": torch.__version__}
+        how |= {"device": torch.cuda.get_device_name() if cuda else "c", "torch": torch.__version__}
         card: dict[str, Any] = {"format": FORMAT, "activation": "elu", "squashed": False, "training": how}
         card |= {"hybrid": {"kind": "lab_only", "base_controller": "lqg"}}
         card |= {"interface": "body_rates", "vehicle": "hummingbird"}
@@ -595,8 +634,8 @@ class Trainer:
             for pair in zip(self.networks.weights, self.networks.biases, strict=True)
         ]
         self.args.out.mkdir(parents=True, exist_ok=True)
-        for seed in range(self.args.seeds):
-            layers = [(weights[seed], biases[seed, 0]) for weights, biases in arrays]
+        for i, seed in enumerate(self.args.seeds):
+            layers = [(weights[i], biases[i, 0]) for weights, biases in arrays]
             MlpPolicy(layers, {**card, "seed": seed}).save(self.args.out / f"lab-{seed}.npz")
 
 
@@ -604,11 +643,11 @@ def main(arguments: list[str] | None = None) -> None:
     """Train, or only write the sources."""
     args = parse(arguments)
     if args.prepare:
-        args.device, args.seeds, args.rows = "c", 1, 1
+        args.device, args.seeds, args.rows = "c", [0], 1
         Flight(args)
     else:
         Trainer(args).train()
-        print(f"Saved: {args.out}/lab-0.npz …")
+        print(f"Saved: {args.out}/lab-{args.seeds[0]}.npz …")
 
 
 if __name__ == "__main__":

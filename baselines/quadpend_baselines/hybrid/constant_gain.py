@@ -1,0 +1,187 @@
+"""A Kalman filter of constant gain for the deviations from the reference's trajectory, as a memory of a network.
+
+z are the deviations of the state of `modelling.linear_model` (with the thrusts f of the rotors) from the trajectory,
+and the wind d, in the axes of the heading at the last sample; y are those of position, attitude and direction; and u
+is the action less that of the trajectory, which acts n periods later. With A, B, C and the gain L of `lqg`'s filter,
+
+    (1)  z⁻ = R(A z + B u_{k−1−n} + T g c e_ż − j)   c: cosine of the tilt less that of the trajectory, at the last
+                                                     sample; j: how far the reference jumps; R: to the new heading
+    (2)  z = z⁻ + (L + s ΔL) i,                  i = y − C z⁻, limited; without a new sample i = 0
+    (3)  z_n = A^n z + A^{n−1} B u_{k−n} + … + B u_{k−1}, when the next action acts
+
+s, from 0 to 1, is the squared force on the pole as a share of that from which L is that of strong wind. The filter
+knows no limit of the rotors and no other gain after a drop-out: a network that flies with it has to.
+
+| scale                                    | of                                          |
+|------------------------------------------|---------------------------------------------|
+| that of `deviations`                     | z_n, 28                                     |
+| 0.005 m, 0.005                           | i, 8                                        |
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.hybrid.deviations import deviation_scales
+from quadpend_baselines.modelling.linear_model import (
+    MODEL_BOB_FORCE,
+    MODEL_DISTURBANCE_SIZE,
+    MODEL_STATE_SIZE,
+    MODEL_TORQUE,
+    linearise_actions,
+)
+from quadpend_baselines.modelling.quantities import turn3
+from quadpend_baselines.registry import controller
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.elementary import select, sincos
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.physics.vectors import axpy, load, store
+from quadpend_gym.tasks.observation import LAB
+
+_NOISE = (0.0005, 0.001, 0.0006)  # standard deviations of motion capture: m, rad and rad
+_GUST = 0.02  # s = 1 from this force on, share of the weight of the pole
+_MEASURED = (0, 1, 2, 6, 7, 8, 12, 13)  # of z
+_WIND = MODEL_STATE_SIZE + ACTION_SIZE
+_SIZE = _WIND + MODEL_DISTURBANCE_SIZE
+_RISE, _PSI, _BOB = 5, 8, _WIND + MODEL_BOB_FORCE.start
+_HORIZONTAL = (0, 3, 12, 14, _WIND, _BOB, _WIND + MODEL_TORQUE.start)  # x components of vectors of z
+_INNOVATION = 0.005  # scale
+_LIMIT, _LIMIT_RATE = 0.05, 3.0  # of i: m and rad, and these a second since the last sample
+_MOST = 100.0  # scales that bound z
+MEASURED_SIZE = len(_MEASURED)
+OBSERVED_SIZE = _SIZE + MEASURED_SIZE
+# Memory: z; place of the reference and three derivatives; its yaw and the rate; at the last sample the heading and the
+# share of lift; the time since it, and u, the oldest first
+_PLACE, _YAW, _HEADING = _SIZE, _SIZE + 12, _SIZE + 14
+_LIFT, _SINCE, _UNDER_WAY = _HEADING + 1, _HEADING + 2, _HEADING + 3
+
+
+class ConstantGain(NamedTuple):
+    """The numbers of the filter."""
+
+    A: Floats  # (28, 28)
+    B: Floats  # (28, 4)
+    gain: Floats  # L, (28, 8)
+    gust: Floats  # ΔL, (28, 8)
+    ahead: Floats  # A^n, (28, 28)
+    under_way: Floats  # A^{n−1} B … B, (28, 4 n)
+    scales: Floats  # (28,)
+    gust_force: float  # N
+    period: float  # s
+    gravity: float  # m/s²
+
+    @property
+    def memory_size(self) -> int:
+        """Length of the memory."""
+        return _UNDER_WAY + self.under_way.shape[1]
+
+
+@lru_cache(maxsize=32)
+def constant_gain(simulation: Simulation) -> ConstantGain:
+    """Return the filter of a nominal vehicle; its latency counts in whole periods."""
+    model = linearise_actions(simulation)
+    states = len(model.transition)
+    place = np.r_[0:states, _WIND:_SIZE]
+    A, B, gain = np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, ACTION_SIZE)), np.zeros((2, _SIZE, MEASURED_SIZE))
+    A[np.ix_(place, place)] = np.eye(len(place))
+    A[np.ix_(place[:states], place[:states])], A[:states, _WIND:], B[:states] = (
+        model.transition, model.disturbance, model.input,
+    )  # fmt: skip
+    estimator = controller("lqg").designed_for(simulation, Loop(noise=_NOISE, observation=LAB)).estimator
+    table = estimator.tables[0][99]
+    kept = np.r_[0:MODEL_STATE_SIZE, _WIND:_SIZE]
+    for k in range(table.shape[1] // MODEL_STATE_SIZE):
+        gain[k, kept] = table[:, MODEL_STATE_SIZE * k + np.array(_MEASURED)]
+    n = round(simulation.latency / simulation.period)
+    powers = [np.linalg.matrix_power(A, k) for k in range(n + 1)]
+    under_way = np.hstack([np.zeros((_SIZE, 0)), *[powers[n - 1 - k] @ B for k in range(n)]])
+    p = simulation.parameters
+    scales = deviation_scales(p.hover_thrust)[ACTION_SIZE:][:_SIZE]
+    limit = _GUST * p.bob_mass * p.gravity
+    return ConstantGain(A, B, *gain, powers[n], under_way, scales, limit, simulation.period, p.gravity)
+
+
+@inlined
+def _product(matrix: Any, i: int, x: Any, row: int, first: int) -> float:
+    total = 0.0
+    for j in range(matrix.shape[1]):
+        total += matrix[i, j] * x[row, first + j]
+    return total
+
+
+@compiled
+def observe(
+    numbers: ConstantGain, y: Floats, sample: Floats, reference: Floats, action: Floats, last: Floats, now: Floats,
+    out: Floats,
+) -> None:  # fmt: skip
+    """Write the inputs and the next memory, equations (1) to (3).
+
+    Args:
+        numbers: The filter.
+        y: Deviations in the axes of the heading, shape (n, 8).
+        sample: Yaw (rad); time since the last sample (s), 0 with one; 1 from the second step on; and the share of the
+            lift, the cosine of the tilt less that of the trajectory, shape (n, 4).
+        reference: Its place and three derivatives, its yaw and the rate of it, shape (n, 14).
+        action: u, shape (n, 4).
+        last: The memory.
+        now: The next memory.
+        out: The inputs.
+    """
+    A, B, gain, gust, ahead, under_way, scales, gust_force, period, gravity = numbers
+    waiting = under_way.shape[1]
+    for row in range(out.shape[0]):
+        taken, begun = select(sample[row, 1] > 0.0, 0.0, 1.0), sample[row, 2]
+        for i in range(_SIZE):
+            out[row, i] = _product(A, i, last, row, 0)
+            for j in range(ACTION_SIZE):
+                out[row, i] += B[i, j] * (last[row, _UNDER_WAY + j] if waiting > 0 else action[row, j])
+        for i in range(waiting):
+            later = _UNDER_WAY + ACTION_SIZE + i
+            now[row, _UNDER_WAY + i] = (
+                last[row, later] if i < waiting - ACTION_SIZE else action[row, i - waiting + ACTION_SIZE]
+            )
+        # From the heading of the last sample to that of this one, after the jump of the reference
+        yaw = select(taken > 0.5, sample[row, 0], last[row, _HEADING])
+        now[row, _HEADING], now[row, _YAW], now[row, _YAW + 1] = yaw, reference[row, 12], reference[row, 13]
+        sine, cosine = sincos(last[row, _HEADING])
+        p, v, a = load(last.T, _PLACE, row), load(last.T, _PLACE + 3, row), load(last.T, _PLACE + 6, row)
+        place, velocity = load(reference.T, 0, row), load(reference.T, 3, row)
+        jerk, half = load(last.T, _PLACE + 9, row), 0.5 * period * period
+        p = axpy(half * period / 3.0, jerk, axpy(half, a, axpy(period, v, p)))
+        v = axpy(half, jerk, axpy(period, a, v))
+        jump, change = turn3(axpy(-1.0, p, place), -sine, cosine), turn3(axpy(-1.0, v, velocity), -sine, cosine)
+        out[row, _RISE] += period * gravity * last[row, _LIFT]
+        now[row, _LIFT] = select(taken > 0.5, sample[row, 3], last[row, _LIFT])
+        for i in range(3):
+            out[row, i] -= jump[i]
+            out[row, 3 + i] -= change[i]
+        store(now.T, _PLACE, row, place)
+        store(now.T, _PLACE + 3, row, velocity)
+        store(now.T, _PLACE + 6, row, load(reference.T, 6, row))
+        store(now.T, _PLACE + 9, row, load(reference.T, 9, row))
+        out[row, _PSI] -= reference[row, 12] - last[row, _YAW] - period * last[row, _YAW + 1]
+        sine, cosine = sincos(yaw - last[row, _HEADING])
+        for i in _HORIZONTAL:
+            x, z = out[row, i], out[row, i + 1]
+            out[row, i], out[row, i + 1] = cosine * x + sine * z, cosine * z - sine * x
+        # Correction
+        limit = _LIMIT + _LIMIT_RATE * last[row, _SINCE]
+        now[row, _SINCE] = sample[row, 1]
+        for k in range(MEASURED_SIZE):
+            error = min(max(y[row, k] - out[row, _MEASURED[k]], -limit), limit)
+            out[row, _SIZE + k] = select(begun > 0.5, select(taken > 0.5, error, 0.0), 0.0)
+        pull = out[row, _BOB] * out[row, _BOB] + out[row, _BOB + 1] * out[row, _BOB + 1]
+        share = min(pull / (gust_force * gust_force), 1.0)
+        for i in range(_SIZE):
+            found = out[row, i] + _product(gain, i, out, row, _SIZE) + share * _product(gust, i, out, row, _SIZE)
+            now[row, i] = min(max(select(begun > 0.5, found, 0.0), -_MOST * scales[i]), _MOST * scales[i])
+        for k in range(MEASURED_SIZE):
+            now[row, _MEASURED[k]] = select(begun > 0.5, now[row, _MEASURED[k]], y[row, k])
+            out[row, _SIZE + k] /= _INNOVATION
+        for i in range(_SIZE):
+            found = _product(ahead, i, now, row, 0) + _product(under_way, i, now, row, _UNDER_WAY)
+            out[row, i] = found / scales[i]
