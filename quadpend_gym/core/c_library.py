@@ -33,7 +33,9 @@ def load_c(source: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL:
         OSError: There is no C compiler, or it fails.
     """
     machine = get_host_cpu_name() if flags else ""
-    key = " ".join((os.environ.get("CC", ""), *_FLAGS, *flags, machine, source))  # a library in the cache needs no compiler
+    key = " ".join(
+        (os.environ.get("CC", ""), *_FLAGS, *flags, machine, source)
+    )  # a library in the cache needs no compiler
     library = cache_path(f"{sha256(key.encode()).hexdigest()[:24]}.so")
     if library.exists():
         with suppress(OSError):  # the file is damaged

@@ -45,8 +45,8 @@ def test_the_script_for_a_gpu_trains_on_the_processor(run_script: Run, tmp_path:
 @pytest.mark.extras
 def test_the_script_for_measurements_alone_trains_on_the_processor(run_script: Run, tmp_path: Path) -> None:
     scenarios = "--scenarios", "wind", "pole 0.8", "catch"
-    sizes = "--seeds", "2", "--rows", "2", "--imitation", "2", "--gradients", "1"
-    out = run_script("train/lab_gpu.py", "--device", "c", "--out", str(tmp_path / "lab"), *scenarios, *sizes)
+    sizes = "--seeds", "0", "1", "--rows", "2", "--imitation", "2", "--gradients", "1"
+    out = run_script("train/lab.py", "--device", "c", "--out", str(tmp_path / "lab"), *scenarios, *sizes)
     assert "improve 1" in out
     policies = [load_policy(str(tmp_path / "lab" / f"lab-{seed}.npz")) for seed in range(2)]
     assert not np.array_equal(*(policy.layers[0][0] for policy in policies))
@@ -55,8 +55,8 @@ def test_the_script_for_measurements_alone_trains_on_the_processor(run_script: R
 @pytest.mark.extras
 def test_its_gradient_is_a_finite_difference(tmp_path: Path) -> None:
     """Of the cost of a window of two networks, with respect to a bias of each, from the same flight."""
-    script = runpy.run_path(str(ROOT / "train/lab_gpu.py"))
-    arguments = "--device", "c", "--kernels", str(tmp_path), "--seeds", "2", "--rows", "3"
+    script = runpy.run_path(str(ROOT / "train/lab.py"))
+    arguments = "--device", "c", "--kernels", str(tmp_path), "--seeds", "0", "1", "--rows", "3"
     trainer = script["Trainer"](script["parse"]([*arguments, "--scenarios", "wind", "late"]))
     script["Trainer"].improve.__globals__.update(WINDOW=20, RESTARTED=0.0)
     flight, bias, gradient = trainer.flight, trainer.networks.biases[2], []

@@ -42,6 +42,7 @@ from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.physics.vectors import axpy, load, store
 from quadpend_gym.tasks.observation import LAB
 
+_STEADY = 99  # row of the gains of the Kalman filter that stays
 _NOISE = (0.0005, 0.001, 0.0006)  # standard deviations of motion capture: m, rad and rad
 _GUST = 0.02  # s = 1 from this force on, share of the weight of the pole
 _MEASURED = (0, 1, 2, 6, 7, 8, 12, 13)  # of z
@@ -77,7 +78,8 @@ class ConstantGain(NamedTuple):
     @property
     def memory_size(self) -> int:
         """Length of the memory."""
-        return _UNDER_WAY + self.under_way.shape[1]
+        size: int = _UNDER_WAY + self.under_way.shape[1]
+        return size
 
 
 @lru_cache(maxsize=32)
@@ -91,9 +93,8 @@ def constant_gain(simulation: Simulation) -> ConstantGain:
     A[np.ix_(place[:states], place[:states])], A[:states, _WIND:], B[:states] = (
         model.transition, model.disturbance, model.input,
     )  # fmt: skip
-    estimator = controller("lqg").designed_for(simulation, Loop(noise=_NOISE, observation=LAB)).estimator
-    table = estimator.tables[0][99]
-    kept = np.r_[0:MODEL_STATE_SIZE, _WIND:_SIZE]
+    law: Any = controller("lqg").designed_for(simulation, Loop(noise=_NOISE, observation=LAB))
+    table, kept = law.estimator.tables[0][_STEADY], np.r_[0:MODEL_STATE_SIZE, _WIND:_SIZE]
     for k in range(table.shape[1] // MODEL_STATE_SIZE):
         gain[k, kept] = table[:, MODEL_STATE_SIZE * k + np.array(_MEASURED)]
     n = round(simulation.latency / simulation.period)
@@ -102,7 +103,7 @@ def constant_gain(simulation: Simulation) -> ConstantGain:
     p = simulation.parameters
     scales = deviation_scales(p.hover_thrust)[ACTION_SIZE:][:_SIZE]
     limit = _GUST * p.bob_mass * p.gravity
-    return ConstantGain(A, B, *gain, powers[n], under_way, scales, limit, simulation.period, p.gravity)
+    return ConstantGain(A, B, gain[0], gain[1], powers[n], under_way, scales, limit, simulation.period, p.gravity)
 
 
 @inlined

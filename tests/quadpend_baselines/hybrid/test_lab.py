@@ -13,7 +13,7 @@ from quadpend_gym.tasks.observation import LAB
 
 SCENARIO = replace(find_scenario("flight_training_motion"), sensors=())
 POSITION, DIRECTION, ORIENTATION = (LAB.columns[name] for name in ("position", "direction", "quaternion"))
-LAGS, SINCE = slice(12, 108), 119
+LAGS, SINCE = slice(12, 72), 83
 
 
 def seen_in(observations: Any) -> Any:
