@@ -28,7 +28,7 @@ from quadpend_train.evaluation.ranking import gentle, multiple, survivors
 from quadpend_train.reports import figures, tables
 
 POLICIES = "lqg", "dual-mode", "flatness", "lqi", "adrc-matched", "adrc-paper", "apg-flight"
-MARKERS = "os^vDP*X<>ph"
+MARKERS, FEW = "os^vDP*X<>ph", 10  # more scenarios of a training are not listed
 FOLDER, ROWS = DOCS / "flight", 10  # rows of the table in the README
 EVENTS = events(SCENARIOS[BASE])
 SHORT = "rank", "policy", "survival bound (%)", "error (multiple of the reference)", "envelope", f"{DELAY} (ms)"
@@ -138,7 +138,10 @@ def origins(found: Comparison) -> str:
         if card:
             names = [item if isinstance(item, str) else item["name"] for item in card["settings"]["scenarios"]]
             seconds = np.mean([item["seconds"] for item in cards])
-            text = f"{card['steps']:,} steps and {seconds:.0f} s in {', '.join(f'`{name}`' for name in names)}"
+            where = ", ".join(f"`{name}`" for name in names)
+            if len(names) > FEW:
+                where = f"{len(names)} scenarios of `train/{card['settings']['algo']}.py`"
+            text = f"{card['steps']:,} steps and {seconds:.0f} s in {where}"
         if len(seeds) > 1:
             lengths = list(found.references.values())
             errors = errors_of(found, policy)

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from quadpend_baselines.hybrid.lab import FOLLOWING, LAB_SIZE, lab_part
+from quadpend_baselines.hybrid.lab import FILTER, FOLLOWING, LAB_SIZE, LAGS, lab_part
 from quadpend_baselines.policy.told import scaled_pole
 from quadpend_gym import __version__
 from quadpend_gym.device.env import Kernel, Motion, QuadPendulumDeviceEnv
@@ -40,6 +40,7 @@ from quadpend_gym.tasks.observation import LAB
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.wind.base import SAMPLE_SIZE
 from quadpend_train.common.files import atomic
+from quadpend_train.common.provenance import provenance
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 
 NOISE = {"kind": "noise", "position": 0.0005, "euler": {"white": 0.001, "bias": 0.01}, "direction": 0.0006}
@@ -117,7 +118,9 @@ MOTION: tuple[str, dict[str, Any]] = (
     "event_training_catch",
     {"loop": {"latency": [0.01, 0.038], "jitter": 0.002, "changes": {"at": [2.0, 6.0], "rotors": [0.25, 1.0]}}},
 )
+MEMORIES = {"lags": LAGS, "filter": FILTER}  # inputs
 TAUGHT = 400  # numbers that a teacher remembers, at most
+SETTINGS = "scenarios", "seeds", "rows", "without", "imitation", "gradients"  # that policies depend on
 HEAD = f"/* quadpend_gym {__version__}: {LAB_SIZE} inputs */\n"
 NEVER = -1e6  # when an action acts that is older than all under way
 HIDDEN = 128  # width of the two hidden layers
@@ -163,6 +166,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--scenarios", nargs="+", default=[*CHANGES, *POLES], help="some of the training scenarios")
     add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="of the networks, which train side by side")
     add("--rows", type=int, default=128, help="sub-environments of a network in each scenario")
+    add(
+        "--without", nargs="+", choices=[*MEMORIES], default=[], help="parts of the memory that the networks do not see"
+    )
     add("--imitation", type=int, default=2600, help="windows of 16 steps in which the networks imitate lqg")
     add("--gradients", type=int, default=1380, help="windows of 100 steps of gradients")
     args = parser.parse_args(arguments)
@@ -256,7 +262,7 @@ class Inputs(torch.autograd.Function):
 class Networks(nn.Module):
     """Networks side by side: every parameter has one of each first."""
 
-    def __init__(self, seeds: list[int]) -> None:
+    def __init__(self, seeds: list[int], without: list[str]) -> None:
         super().__init__()
         count = len(seeds)
         sizes = (LAB_SIZE, HIDDEN), (HIDDEN, HIDDEN), (HIDDEN, ACTION_SIZE)
@@ -267,6 +273,11 @@ class Networks(nn.Module):
             for weights in self.weights:
                 gain = 0.01 if weights.shape[2] == ACTION_SIZE else 1.4
                 nn.init.orthogonal_(weights.data[i], gain, generator=random)
+        self.seen = torch.ones(1, LAB_SIZE, 1)
+        for name in without:
+            self.seen[:, MEMORIES[name]] = 0.0
+        self.weights[0].data *= self.seen
+        self.weights[0].register_hook(lambda gradient: gradient * self.seen.to(gradient))
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the outputs, shape (networks, n, 4), for inputs of shape (networks, n, inputs)."""
@@ -320,7 +331,7 @@ class Flight:
 
     def begin(self, part: int) -> None:
         """Begin other flights, those of a part of the training."""
-        first = 10_000_000 * (1 + self.args.seeds[0]) + 4_000_000 * self.args.seeds[0] + 200_000 * part
+        first = 10_000_000 + 14_000_000 * self.args.seeds[0] + 200_000 * part
         for i, (env, rows) in enumerate(zip(self.envs, self.columns, strict=True)):
             self.seen[:, rows] = env.reset(seed=first + 5_000 * i)[0].T
         for memory in (self.action, self.memory, *self.taught):
@@ -451,7 +462,7 @@ class Trainer:
     def __init__(self, args: argparse.Namespace) -> None:
         self.args, self.flight = args, Flight(args)
         device, fast = self.flight.device, self.flight.device.type == "cuda"
-        self.networks = Networks(args.seeds).to(device)
+        self.networks = Networks(args.seeds, args.without).to(device)
         self.parameters = list(self.networks.parameters())
         self.rate, self.share = torch.tensor(0.0, device=device), torch.tensor(1.0, device=device)
         self.optimizer = torch.optim.Adam(self.parameters, lr=self.rate, capturable=fast, fused=fast)
@@ -582,7 +593,7 @@ class Trainer:
 
     def train(self) -> None:
         """Imitate, then improve, each in ten parts; what an interrupted training has done of them is not repeated."""
-        how = {name: getattr(self.args, name) for name in ("scenarios", "seeds", "rows", "imitation", "gradients")}
+        how = {name: getattr(self.args, name) for name in SETTINGS}
         file, done, seconds, runs = self.args.out / "training.pt", 0, 0.0, {}
         if file.exists():
             found = torch.load(file, map_location=self.flight.device)
@@ -607,11 +618,10 @@ class Trainer:
                 runs[function]()
             seconds += time.perf_counter() - begin
             if count:
-                self.report(f"{function.__name__} {part % PARTS + 1}/{PARTS}, {seconds:.0f} s")
-                self.args.out.mkdir(parents=True, exist_ok=True)
                 with atomic(file) as new:
                     torch.save({**self.state(), "how": how, "done": part + 1, "seconds": seconds}, new)
-        self.save(how | {"seconds": round(seconds)})
+                self.report(f"{function.__name__} {part % PARTS + 1}/{PARTS}, {seconds:.0f} s")
+        self.save(how, seconds)
 
     def report(self, head: str) -> None:
         """Print the losses, and in each scenario the falls of a network and its root mean square error (mm)."""
@@ -622,21 +632,21 @@ class Trainer:
         for item in (self.falls, self.squares, self.scored):
             item.zero_()
 
-    def save(self, how: dict[str, Any]) -> None:
+    def save(self, how: dict[str, Any], seconds: float) -> None:
         """Write a policy file for each network."""
-        cuda = self.flight.device.type == "cuda"
-        how |= {"device": torch.cuda.get_device_name() if cuda else "c", "torch": torch.__version__}
-        card: dict[str, Any] = {"format": FORMAT, "activation": "elu", "squashed": False, "training": how}
-        card |= {"hybrid": {"kind": "lab_only", "base_controller": "lqg"}}
-        card |= {"interface": "body_rates", "vehicle": "hummingbird"}
-        arrays = [
-            [item.detach().cpu().numpy() for item in pair]
-            for pair in zip(self.networks.weights, self.networks.biases, strict=True)
-        ]
-        self.args.out.mkdir(parents=True, exist_ok=True)
-        for i, seed in enumerate(self.args.seeds):
-            layers = [(weights[i], biases[i, 0]) for weights, biases in arrays]
-            MlpPolicy(layers, {**card, "seed": seed}).save(self.args.out / f"lab-{seed}.npz")
+        cuda, args = self.flight.device.type == "cuda", self.args
+        steps = len(args.scenarios) * args.rows * (STEPS * args.imitation + WINDOW * args.gradients)
+        device = torch.cuda.get_device_name() if cuda else "c"
+        card: dict[str, Any] = {"format": FORMAT, "activation": "elu", "squashed": False, "provenance": provenance()}
+        card |= {"hybrid": {"kind": "lab_only", "base_controller": "lqg"}, "settings": how | {"algo": "lab"}}
+        card |= {"interface": "body_rates", "vehicle": "hummingbird", "device": device}
+        card |= {"steps": steps, "seconds": round(seconds)}
+        layers = [*zip(self.networks.weights, self.networks.biases, strict=True)]
+        for i, seed in enumerate(args.seeds):
+            own = [
+                (weights[i].detach().cpu().numpy(), biases[i, 0].detach().cpu().numpy()) for weights, biases in layers
+            ]
+            MlpPolicy(own, {**card, "seed": seed}).save(args.out / f"lab-{seed}.npz")
 
 
 def main(arguments: list[str] | None = None) -> None:

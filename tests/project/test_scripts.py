@@ -4,6 +4,7 @@ import runpy
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,26 @@ def test_the_script_for_measurements_alone_trains_on_the_processor(run_script: R
     assert "improve 1" in out
     policies = [load_policy(str(tmp_path / "lab" / f"lab-{seed}.npz")) for seed in range(2)]
     assert not np.array_equal(*(policy.layers[0][0] for policy in policies))
+
+
+@pytest.mark.extras
+def test_its_training_goes_on_after_an_interruption_as_without_one(tmp_path: Path) -> None:
+    script, weights = runpy.run_path(str(ROOT / "train/lab.py")), []
+    sizes = "--rows", "2", "--imitation", "3", "--gradients", "2", "--scenarios", "wind", "dropouts", "--seeds", "3"
+    given = "--device", "c", "--kernels", str(tmp_path), *sizes
+    for name, interrupted in (("whole", ""), ("resumed", "imitate 7"), ("resumed", "improve 5"), ("resumed", "")):
+        trainer = script["Trainer"](script["parse"]([*given, "--out", str(tmp_path / name)]))
+
+        def report(head: str, last: str = interrupted) -> None:
+            if last and head.startswith(last):
+                raise KeyboardInterrupt
+
+        trainer.report = report
+        with pytest.raises(KeyboardInterrupt) if interrupted else nullcontext():
+            trainer.train()
+        if not interrupted:
+            weights.append(load_policy(str(tmp_path / name / "lab-3.npz")).layers[0][0])
+    np.testing.assert_array_equal(*weights)
 
 
 @pytest.mark.extras

@@ -64,6 +64,7 @@ _MOTION = _FOLLOWING + ACTION_SIZE
 _GAP = _MOTION + len(_OF_REFERENCE)
 _OWN_SIZE = _GAP + 3
 LAB_SIZE = _OWN_SIZE + OBSERVED_SIZE
+LAGS, FILTER = slice(_LAG, _FOLLOWING), slice(_OWN_SIZE, LAB_SIZE)
 # Memory: x, L, the last sample's position and direction, the time since, 1 after the first step, a_d, and the filter's
 _SAMPLE = _SIZE + _LAGS
 _SINCE, _BEGUN, _FOLLOWED = _SAMPLE + 6, _SAMPLE + 7, _SAMPLE + 8
