@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from quadpend_baselines.hybrid.lab import FILTER, FOLLOWING, LAB_SIZE, LAGS, lab_part
+from quadpend_baselines.hybrid.lab import FILTER, LAB_SIZE, LAGS, NEAR, OUTPUT, lab_part
 from quadpend_baselines.policy.told import scaled_pole
 from quadpend_gym import __version__
 from quadpend_gym.device.env import Kernel, Motion, QuadPendulumDeviceEnv
@@ -128,7 +128,7 @@ STEPS, BATCHES = 16, 8  # of a window of imitation
 PARTS = 10  # of imitation and of gradients, after which an interrupted training goes on
 WINDOW = 100  # control steps of a window of gradients
 RESTARTED = 0.125  # share of the rows that begin an episode with each window of gradients
-RATES = (3e-3, 1e-5), (7e-4, 1e-5)  # learning rates of the imitation and of the gradients, from and to
+RATES = (3e-3, 1e-5), (4e-4, 1e-5)  # learning rates of the imitation and of the gradients, from and to
 WEIGHT = 4.0  # of the root mean square of the error, 1/m
 LARGEST = 1e6  # gradient of a row's cost with respect to its state
 SMALLEST = 5e-4  # error of the logarithm, m
@@ -474,7 +474,7 @@ class Trainer:
     def act(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Return the actions that the networks want, and the outputs; more than ±1 of these is not added."""
         outputs = self.flight.for_rows(self.networks(self.flight.for_networks(inputs)))
-        return outputs.clamp(-1.0, 1.0) + inputs[FOLLOWING], outputs
+        return OUTPUT * outputs.clamp(-1.0, 1.0) + inputs[NEAR], outputs
 
     def descend(self, loss: Tensor) -> None:
         """Take a step of Adam for the loss of each network; its gradient has at most the length 1."""
@@ -496,7 +496,7 @@ class Trainer:
                 seen, memory = flight.inputs(flight.seen, flight.action, flight.memory)
                 label, (own, _) = flight.teach(), self.act(seen)
                 inputs.append(flight.for_networks(seen))
-                labels.append(flight.for_networks((label - seen[FOLLOWING]).clamp(-1.0, 1.0)))
+                labels.append(flight.for_networks(((label - seen[NEAR]) / OUTPUT).clamp(-1.0, 1.0)))
                 acts = torch.rand(flight.rows, device=flight.device) < self.share
                 action = torch.where(acts, label, own) + self.noise * torch.randn_like(own)
                 action = action.nan_to_num(0.0).clamp(-1.0, 1.0)

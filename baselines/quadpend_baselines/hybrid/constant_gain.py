@@ -16,6 +16,7 @@ knows no limit of the rotors and no other gain after a drop-out: a network that 
 |------------------------------------------|---------------------------------------------|
 | that of `deviations`                     | z_n, 28                                     |
 | 0.005 m, 0.005                           | i, 8                                        |
+| 1                                        | −F z_n, F: the feedback of `lqg`, 4         |
 """
 
 from functools import lru_cache
@@ -54,7 +55,7 @@ _INNOVATION = 0.005  # scale
 _LIMIT, _LIMIT_RATE = 0.05, 3.0  # of i: m and rad, and these a second since the last sample
 _MOST = 100.0  # scales that bound z
 MEASURED_SIZE = len(_MEASURED)
-OBSERVED_SIZE = _SIZE + MEASURED_SIZE
+OBSERVED_SIZE = _SIZE + MEASURED_SIZE + ACTION_SIZE
 # Memory: z; place of the reference and three derivatives; its yaw and the rate; at the last sample the heading and the
 # share of lift; the time since it, and u, the oldest first
 _PLACE, _YAW, _HEADING = _SIZE, _SIZE + 12, _SIZE + 14
@@ -70,6 +71,7 @@ class ConstantGain(NamedTuple):
     gust: Floats  # ΔL, (28, 8)
     ahead: Floats  # A^n, (28, 28)
     under_way: Floats  # A^{n−1} B … B, (28, 4 n)
+    feedback: Floats  # −F, (4, 28)
     scales: Floats  # (28,)
     gust_force: float  # N
     period: float  # s
@@ -99,11 +101,15 @@ def constant_gain(simulation: Simulation) -> ConstantGain:
         gain[k, kept] = table[:, MODEL_STATE_SIZE * k + np.array(_MEASURED)]
     n = round(simulation.latency / simulation.period)
     powers = [np.linalg.matrix_power(A, k) for k in range(n + 1)]
+    feedback = np.zeros((ACTION_SIZE, _SIZE))
+    feedback[:, place] = -law._law._numbers[2]
     under_way = np.hstack([np.zeros((_SIZE, 0)), *[powers[n - 1 - k] @ B for k in range(n)]])
     p = simulation.parameters
     scales = deviation_scales(p.hover_thrust)[ACTION_SIZE:][:_SIZE]
     limit = _GUST * p.bob_mass * p.gravity
-    return ConstantGain(A, B, gain[0], gain[1], powers[n], under_way, scales, limit, simulation.period, p.gravity)
+    return ConstantGain(
+        A, B, gain[0], gain[1], powers[n], under_way, feedback, scales, limit, simulation.period, p.gravity
+    )
 
 
 @inlined
@@ -132,7 +138,7 @@ def observe(
         now: The next memory.
         out: The inputs.
     """
-    A, B, gain, gust, ahead, under_way, scales, gust_force, period, gravity = numbers
+    A, B, gain, gust, ahead, under_way, feedback, scales, gust_force, period, gravity = numbers
     waiting = under_way.shape[1]
     for row in range(out.shape[0]):
         taken, begun = select(sample[row, 1] > 0.0, 0.0, 1.0), sample[row, 2]
@@ -185,4 +191,8 @@ def observe(
             out[row, _SIZE + k] /= _INNOVATION
         for i in range(_SIZE):
             found = _product(ahead, i, now, row, 0) + _product(under_way, i, now, row, _UNDER_WAY)
-            out[row, i] = found / scales[i]
+            out[row, i] = found
+        for i in range(ACTION_SIZE):
+            out[row, OBSERVED_SIZE - ACTION_SIZE + i] = _product(feedback, i, out, row, 0)
+        for i in range(_SIZE):
+            out[row, i] /= scales[i]

@@ -8,7 +8,7 @@ a ∈ [−1, 1]⁴ in different ways, with the action scale κ:
 |------------------|--------------------------------------------------------------------------------------------------|
 | `EstimateOnly`   | (1)  a                                                                                           |
 | `MemoryOnly`     | (1)  a; the base controller does not fly: it is the teacher                                      |
-| `LabOnly`        | (3)  clip(a_d + a, −1, 1) with the action a_d that follows the reference; likewise               |
+| `LabOnly`        | (3)  clip(a_n + 2 a, −1, 1) with the linear feedback a_n of a filter, see `lab`; likewise        |
 | `HistoryOnly`    | (1)  a; there is no base controller                                                              |
 | `ResidualAction` | (2)  clip(a_base + κ a, −1, 1)                                                                   |
 
@@ -43,7 +43,7 @@ from quadpend_baselines.estimation.measurement import errors_of
 from quadpend_baselines.hybrid.deviations import deviation_part
 from quadpend_baselines.hybrid.history import history_part
 from quadpend_baselines.hybrid.innovations import innovations_part
-from quadpend_baselines.hybrid.lab import FOLLOWING, lab_part
+from quadpend_baselines.hybrid.lab import NEAR, OUTPUT, lab_part
 from quadpend_baselines.hybrid.memory import memory_part
 from quadpend_baselines.hybrid.parts import (
     InputPart,
@@ -309,11 +309,11 @@ class LabOnly(MemoryOnly):
         return (lab_part(self.controller.simulation),)
 
     def builds_on(self, inputs: Any, base_action: Any) -> Any:
-        """Return the action that follows the reference; see `Hybrid.builds_on`."""
-        return inputs[:, FOLLOWING]
+        """Return the action of the linear feedback; see `Hybrid.builds_on`."""
+        return inputs[:, NEAR]
 
     def _applied(self, action: Floats32, base_action: Floats32) -> Floats32:
-        applied: Floats32 = np.clip(base_action + action, -1.0, 1.0)
+        applied: Floats32 = np.clip(base_action + np.float32(OUTPUT) * action, -1.0, 1.0)
         return applied
 
 

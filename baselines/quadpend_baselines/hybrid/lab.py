@@ -25,6 +25,7 @@ biases of any vehicle; from the filter of `constant_gain` those of the nominal o
 | time since the last sample                                                               | 1    | 0.05 s             |
 | believed length and mass of the pole                                                     | 2    | of the observation |
 | filter of constant gain, and its innovation, see `constant_gain`                         | 36   | its own            |
+| a_n = a_d − F z_n, F z_n within ±0.3: the linear feedback of `lqg`                       | 4    | 1                  |
 """
 
 from typing import Any, NamedTuple
@@ -53,17 +54,19 @@ from quadpend_gym.tasks.observation import LAB
 
 _TIMES = np.array([0.02, 0.06, 0.2, 0.6, 2.0])  # τ, s
 _FAR, _SPEED = 0.03, 3.0  # of (1), m and m/s
+_NEAR = 0.3  # largest component of F z_n
 _SAME = 1e-6  # a sample that differs by less repeats the one before
 _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
 _OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0])  # scales
 _MEASURED, _SIZE = 8, len(_SCALE)
 _LAGS = _SIZE * len(_TIMES)
 _LAG, _FOLLOWING = _SIZE, _SIZE + _LAGS  # places in the inputs
-FOLLOWING = slice(_FOLLOWING, _FOLLOWING + ACTION_SIZE)  # a_d, to which the policy's action is added
 _MOTION = _FOLLOWING + ACTION_SIZE
 _GAP = _MOTION + len(_OF_REFERENCE)
 _OWN_SIZE = _GAP + 3
 LAB_SIZE = _OWN_SIZE + OBSERVED_SIZE
+NEAR = slice(LAB_SIZE - ACTION_SIZE, LAB_SIZE)  # a_n, to which `OUTPUT` times the policy's action is added
+OUTPUT = 2.0
 LAGS, FILTER = slice(_LAG, _FOLLOWING), slice(_OWN_SIZE, LAB_SIZE)
 # Memory: x, L, the last sample's position and direction, the time since, 1 after the first step, a_d, and the filter's
 _SAMPLE = _SIZE + _LAGS
@@ -184,7 +187,8 @@ def _lab(simulation: Simulation, seen: Seen, memory: Any) -> tuple[Any, Any]:
     _filter(found, action, following, simulation.period, memory, u, out, now)
     estimated, after = np.empty((rows, OBSERVED_SIZE)), np.empty((rows, numbers.memory_size))
     observe(numbers, found.y, found.sample, found.reference, u, memory[:, _OWN_MEMORY:], after, estimated)
-    return np.concatenate([out, estimated], axis=1), np.concatenate([now, after], axis=1)
+    near = np.clip(following + np.clip(estimated[:, -ACTION_SIZE:], -_NEAR, _NEAR), -1.0, 1.0)
+    return np.concatenate([out, estimated[:, :-ACTION_SIZE], near], axis=1), np.concatenate([now, after], axis=1)
 
 
 def lab_part(simulation: Simulation) -> InputPart:

@@ -8,8 +8,8 @@ import numpy as np
 from quadpend_baselines.controllers.lqg import evaluate
 from quadpend_baselines.estimation.estimate import nominal
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid.constant_gain import OBSERVED_SIZE, constant_gain
-from quadpend_baselines.hybrid.lab import lab_part
+from quadpend_baselines.hybrid.constant_gain import constant_gain
+from quadpend_baselines.hybrid.lab import FILTER, lab_part
 from quadpend_baselines.hybrid.parts import Seen
 from quadpend_baselines.registry import controller
 from quadpend_gym.scenarios import find_scenario
@@ -34,13 +34,13 @@ def flown(name: str, steps: int, jump: int | None = None) -> tuple[Any, Any, Any
         inputs, own = part.function(part.numbers, Seen(observation, action, *[np.zeros((ROWS, 4))] * 3), own)
         later = policy.estimator.prediction.carry_forward(memory.estimate, memory.action)
         expected.append(evaluate(policy._law, nominal(later))[2])
-        found.append(inputs[:, -OBSERVED_SIZE:])
+        found.append(inputs[:, FILTER])
         action, memory = policy.control(memory)
         memory = policy.with_applied_action(memory, action)
         observation, _, _, _, _ = env.step(action)
         started = np.zeros(ROWS, np.bool_)
     states = np.array(found)[..., :28] * constant_gain(scenario.simulation).scales
-    return np.array(expected), states, np.array(found)[..., 28:]
+    return np.array(expected), states, np.array(found)[..., 28:36]
 
 
 def test_it_is_the_observer_of_lqg_near_hover_and_on_a_reference() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from quadpend_baselines.hybrid import LabOnly, VectorHybridWrapper
-from quadpend_baselines.hybrid.lab import FOLLOWING
+from quadpend_baselines.hybrid.lab import NEAR, OUTPUT
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.tasks.observation import LAB
 
@@ -17,7 +17,7 @@ LAGS, SINCE = slice(12, 72), 83
 
 
 def seen_in(observations: Any) -> Any:
-    """Return the inputs for observations in turn, shape (steps, n, 122), while zero actions are applied."""
+    """Return the inputs for observations in turn, shape (steps, n, 126), while zero actions are applied."""
     hybrid, memory, out = LabOnly().flown_in(SCENARIO.simulation), None, []
     for step, observation in enumerate(observations):
         seen, memory = hybrid.observe(observation, memory, np.full(len(observation), step == 0))
@@ -68,13 +68,13 @@ def test_samples_that_repeat_or_lie_far_away_are_not_taken(flown: Any) -> None:
         np.testing.assert_allclose(seen[8, :, LAGS], expected[8, :, LAGS], atol=0.1 * np.abs(expected[8]).max())
 
 
-def test_the_action_that_follows_the_reference_is_added(flown: Any) -> None:
+def test_the_linear_feedback_is_added(flown: Any) -> None:
     hybrid = LabOnly().flown_in(SCENARIO.simulation)
     seen, memory = hybrid.observe(flown[0], None, np.ones(1, np.bool_))
-    assert np.abs(seen[:, FOLLOWING]).max() > 1e-3
+    assert np.abs(seen[:, NEAR]).max() > 1e-3
     for action in (0.0, 0.25, 1.0):
         applied, _ = hybrid.act(np.full((1, 4), action, np.float32), memory)
-        np.testing.assert_array_equal(applied, np.clip(seen[:, FOLLOWING] + np.float32(action), -1.0, 1.0))
+        np.testing.assert_array_equal(applied, np.clip(seen[:, NEAR] + np.float32(OUTPUT * action), -1.0, 1.0))
 
 
 def test_the_environment_must_have_positions() -> None:
