@@ -1,4 +1,4 @@
-"""Identification of vehicles from flight logs: simulated vehicles, and the public logs of a Crazyflie 2.1 Brushless.
+"""Found of vehicles from flight logs: simulated vehicles, and the public logs of a Crazyflie 2.1 Brushless.
 
     python -m experiments.identification                    # 20 simulated vehicles: docs/identification/simulated.csv
     python -m experiments.identification --poles --vehicles 10       # with poles, upright and hanging: poles.csv
@@ -54,6 +54,7 @@ def random_vehicle(seed: int) -> tuple[Vehicle, Vehicle, dict[str, float]]:
     truth = {
         "thrust_coefficient": coefficient * factor(0.3),
         "torque_per_thrust": rotors.torque_per_thrust * factor(0.3),
+        "yaw_trim": 0.0,
         "rotor_inertia": 0.002 * roll * factor(0.5),
         "inertia_roll": inertia[0],
         "inertia_pitch": inertia[1],

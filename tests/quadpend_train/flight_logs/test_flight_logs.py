@@ -14,13 +14,14 @@ from quadpend_gym.scenarios import find_scenarios
 from quadpend_gym.vehicles import Vehicle
 from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.cli.main import main
-from quadpend_train.flight_logs.identify import Identification, check_log, identify
+from quadpend_train.flight_logs.identify import Found, check_log, identify, possible
 from quadpend_train.flight_logs.log import Columns, FlightLog, make_log, pole_motion
 from quadpend_train.flight_logs.readers import PX4, read_log
-from quadpend_train.flight_logs.replay import compare, errors, fly, windows_of, without_pole
+from quadpend_train.flight_logs.replay import Thrust, compare, errors, fly, windows_of, without_pole
 from quadpend_train.flight_logs.vehicle_file import write_vehicle
 
 SEED = 1
+DATA, NANOBENCH = Path("tests/data/nanobench"), "experiments/columns/nanobench.toml"
 EXACT = Noise(position=0.0, attitude=0.0, rate=0.0, motors=0.0, pole=0.0, delay=0.0, rate_of_log=200.0)
 
 
@@ -30,7 +31,7 @@ def log() -> FlightLog:
 
 
 @pytest.fixture(scope="module")
-def found(log: FlightLog) -> Identification:
+def found(log: FlightLog) -> Found:
     return identify([log], random_vehicle(SEED)[1])
 
 
@@ -49,7 +50,7 @@ def test_a_replay_of_an_exact_log_repeats_it_with_its_pole(side: float) -> None:
     vehicle = random_vehicle(SEED)[0]
     log = simulated_log(vehicle, 0, EXACT, duration=4.0, side=side)
     windows = windows_of(log, 0.5, 0.1)
-    motion = fly(windows, vehicle, vehicle.rotors.thrust_coefficient, delay=0.5 * log.period)  # type: ignore[union-attr]
+    motion = fly(windows, vehicle, Thrust(vehicle.rotors.thrust_coefficient), delay=0.5 * log.period)  # type: ignore[union-attr]
     last = errors(motion, windows)[-1]
     assert np.abs(last[:, 6:9]).max() < 5e-3  # rad; the velocities of the log are smoothed
     assert np.abs(last[:, 12:]).max() < 5e-3
@@ -95,14 +96,14 @@ def test_a_gap_is_in_no_window(log: FlightLog, tmp_path: Path) -> None:
     assert_array_equal(np.flatnonzero(~make_log("lost", table, Columns()).valid), np.arange(496, 526))
 
 
-def test_the_listed_quantities_are_identified_within_five_percent(found: Identification) -> None:
+def test_the_listed_quantities_are_identified_within_five_percent(found: Found) -> None:
     truth = random_vehicle(SEED)[2]
     for name in LISTED:
         assert found.estimates[name].identified, name
         assert found.estimates[name].value == pytest.approx(truth[name], rel=0.05), name
 
 
-def test_accelerating_rotors_show_their_inertia(found: Identification) -> None:
+def test_accelerating_rotors_show_their_inertia(found: Found) -> None:
     low, high = found.estimates["rotor_inertia"].interval
     assert low < random_vehicle(SEED)[2]["rotor_inertia"] < high < 2.0 * low
 
@@ -142,13 +143,13 @@ def test_thrusts_do_not_lag_behind_measured_speeds(log: FlightLog) -> None:
     rotors = vehicle.rotors
     assert rotors is not None
     prompt = replace(vehicle, rotors=replace(rotors, lag_up=0.0))
-    assert_array_equal(fly(windows, vehicle, 4e-8), fly(windows, prompt, 4e-8))
+    assert_array_equal(fly(windows, vehicle, Thrust(4e-8)), fly(windows, prompt, Thrust(4e-8)))
     missing = identify([windows.log], random_vehicle(SEED)[1])
     assert missing.vehicle.rotors.lag_up == pytest.approx(random_vehicle(SEED)[1].rotors.lag_up)  # type: ignore[union-attr]
     assert "lag is not identified; log the commanded speeds" in missing.sentences()
 
 
-def test_the_identified_vehicle_predicts_the_held_out_part_better_than_its_start(found: Identification) -> None:
+def test_the_identified_vehicle_predicts_the_held_out_part_better_than_its_start(found: Found) -> None:
     start = random_vehicle(SEED)[1]
     errors_of = compare(found.held_out[0], {"start": start, "new": found.vehicle}, delay=found.delay)
     for channel in ("position", "attitude"):
@@ -158,6 +159,58 @@ def test_the_identified_vehicle_predicts_the_held_out_part_better_than_its_start
 def test_a_log_too_short_to_test_the_vehicle_is_refused_before_the_fit(log: FlightLog) -> None:
     with pytest.raises(ValueError, match=r"0.91 s of the log .* have no 1.5 s without a gap"):
         identify([log.part(0.0, 0.19)], random_vehicle(SEED)[1])
+
+
+def test_commands_and_a_battery_show_the_thrust(log: FlightLog) -> None:
+    start, truth = random_vehicle(SEED)[1:]
+    voltage = np.linspace(1.1, 0.85, len(log))
+    most = 1.3 * log.motors.max()
+    commands = replace(
+        log, motors=log.motors / voltage[:, None] / most, voltage=voltage, has_speeds=False, is_command=True
+    )
+    found = identify([commands], start)
+    low, high = found.estimates["voltage_exponent"].interval
+    assert low < 2.0 < high < 2.2
+    assert found.thrust.linear < 0.05
+    assert found.thrust.coefficient == pytest.approx(truth["thrust_coefficient"] * most**2, rel=0.02)
+    steady = identify([replace(commands, voltage=np.ones(1))], start)
+    assert "voltage_exponent is not identified; log the voltage of the battery" in steady.sentences()
+
+
+def test_each_log_has_a_trim_of_its_own(log: FlightLog, found: Found) -> None:
+    moved = replace(log, motors=log.motors * [1.04, 1.0, 0.98, 1.0])  # the battery lies elsewhere
+    both = identify([log, moved], random_vehicle(SEED)[1])
+    for name in ("inertia_roll", "inertia_pitch", "thrust_coefficient"):
+        assert both.estimates[name].value == pytest.approx(found.estimates[name].value, rel=0.03), name
+
+
+def test_every_body_that_a_fit_tries_exists() -> None:
+    assert_allclose(possible(1.0, 1.2, 1.9), (1.0, 1.2, 1.9))
+    for roll, pitch in np.random.default_rng(0).uniform(0.01, 10.0, (100, 2)):
+        least, middle, largest = sorted(possible(roll, pitch, 0.7 * (roll + pitch)))
+        assert 0.0 < largest < least + middle
+
+
+def test_thrusts_that_were_not_flown_stay(log: FlightLog) -> None:
+    start = random_vehicle(SEED)[1]
+    gentle = replace(log, motors=0.8 * log.motors).part(0.0, 0.3)
+    assert identify([gentle], start, training=1.0).vehicle.rotors.thrust[1] >= start.rotors.thrust[1]  # type: ignore[union-attr]
+
+
+def test_nanobench_is_predicted_by_other_flights() -> None:
+    """The data are those of Ullah and Baca, see the licence beside them."""
+    circle, oval, star = (read_log(path, NANOBENCH) for path in sorted(DATA.glob("*.csv.gz")))
+    start = as_vehicle("crazyflie")
+    found = identify([star, circle], start, tests=[oval])
+    errors_of = compare(
+        found.held_out[0],
+        {"start": start, "new": found.vehicle},
+        delay=found.delay,
+        thrusts={"new": found.thrust},
+    )
+    for channel, share in {"position": 0.5, "attitude": 1.0}.items():
+        assert errors_of["new"][channel][20] < share * errors_of["held"][channel][20]
+        assert errors_of["new"][channel][25] < 0.4 * errors_of["start"][channel][25]
 
 
 def test_a_wrong_order_of_motors_or_quaternions_is_said(log: FlightLog) -> None:
@@ -178,7 +231,7 @@ def test_a_pole_from_its_end_to_the_pivot_is_said(hanging: FlightLog) -> None:
         check_log(replace(hanging, pole=-hanging.pole), random_vehicle(SEED)[1])
 
 
-def test_training_takes_the_vehicle_and_its_ranges(found: Identification, tmp_path: Path) -> None:
+def test_training_takes_the_vehicle_and_its_ranges(found: Found, tmp_path: Path) -> None:
     start: Vehicle = random_vehicle(SEED)[1]
     path = write_vehicle(found, start, tmp_path / "mine.toml")
     again = as_vehicle(str(tmp_path / "mine.toml"))

@@ -40,6 +40,7 @@ def identify(
     logs: tyro.conf.Positional[tuple[Path, ...]],
     vehicle: str,
     columns: Path | None = None,
+    test: tuple[Path, ...] = (),
     out: Path = Path("vehicle.toml"),
     loop: bool = False,
 ) -> None:
@@ -49,6 +50,7 @@ def identify(
         logs: Flight logs of one vehicle, as in replay, without a pole or with its direction.
         vehicle: Vehicle with the true masses, rotor positions and pivot, a preset or TOML file; the fit begins with it.
         columns: TOML file with the names and units of the logs' columns.
+        test: Further logs to test the vehicle on. Without them, it is tested on the last 30 % of each log.
         out: Vehicle file. The scenarios are beside it, in NAME-training.toml.
         loop: Print the latency and the time constant of the rate loop instead, from logs of `quadpend fly`; the lag of
             the rotors is that of the vehicle.
@@ -56,7 +58,7 @@ def identify(
     from quadpend_gym.vehicles import Simulation, doubts, rotors_of
     from quadpend_gym.vehicles.vehicle import as_vehicle
     from quadpend_train.flight_logs.identify import identify as identify_from
-    from quadpend_train.flight_logs.log import Columns
+    from quadpend_train.flight_logs.log import DEFAULT
     from quadpend_train.flight_logs.loop import loop_of
     from quadpend_train.flight_logs.readers import as_columns, read_csv, read_log
     from quadpend_train.flight_logs.replay import compare, table
@@ -65,16 +67,18 @@ def identify(
     start = as_vehicle(vehicle)
     if loop:
         for path in logs:
-            seconds = as_columns(columns, Columns()).seconds
+            seconds = as_columns(columns, DEFAULT).seconds
             print(f"{path}: {loop_of(read_csv(path), 0.5 * sum(rotors_of(start).lags), seconds).sentence()}.")
         return
-    found = identify_from([read_log(path, columns) for path in logs], start)
+    fitted, tests = ([read_log(path, columns) for path in paths] for paths in (logs, test))
+    found = identify_from(fitted, start, tests=tests)
     print(found.table())
     for log in found.held_out:
-        print(f"\nThe held-out part of {log.name}:")
-        print(table(compare(log, {start.name: start, "identified": found.vehicle}, delay=found.delay)))
+        print(f"\n{'' if test else 'The held-out part of '}{log.name}:")
+        both = {start.name: start, "identified": found.vehicle}
+        print(table(compare(log, both, delay=found.delay, thrusts={"identified": found.thrust})))
     print()
-    gaps = [sentence for log in found.fitted for sentence in log.gaps()]
+    gaps = [sentence for log in (*fitted, *tests) for sentence in log.gaps()]
     for sentence in [*gaps, *found.sentences(), *doubts(Simulation(vehicle=found.vehicle, interface="body_rates"))]:
         print(f"Note: {sentence}.")
     training = write_vehicle(found, start, out)

@@ -1,16 +1,20 @@
 """Identification of a vehicle from flight logs by output-error fits.
 
 The vehicle flies the windows of the logs open loop (`replay`). A fit minimises the errors of position, attitude and
-body rate at several times of a window, each divided by its root mean square, with a loss that is linear for large
-errors. The logged start of a window has errors too: what a small change of the start explains is subtracted from the
-errors of each window. The velocity does not count, since most logs have it from a filter, whose lag would be fitted.
+body rate at several times of a window, each divided by its root mean square in its log at this time, with a loss that
+is linear for large errors: gentle and quick flights, early and late errors count alike. The logged start of a window
+has errors too: what a small change of the start explains is subtracted from the errors of each window. The velocity
+does not count, since most logs have it from a filter, whose lag would be fitted.
 Mass, gravity and the geometry of the rotors are known. From motions and motor numbers follow:
 
 | name                   | what the log shows                                                                        |
 |------------------------|-------------------------------------------------------------------------------------------|
 | `thrust_coefficient`   | thrust per squared motor number: the mass times an acceleration                           |
+| `thrust_linear`        | share of the thrust that is linear in a command, see `replay.Thrust`                      |
+| `voltage_exponent`     | thrust against the voltage of the battery                                                 |
 | `inertia_roll`, `_pitch` | torque, which is arm times thrust, per angular acceleration                               |
 | `torque_per_thrust`    | only κ/I_z: the inertia of yaw is assumed, see below                                      |
+| `yaw_trim`             | share by which the rotors of one sense push more, from the trim of the thrusts            |
 | `rotor_inertia`        | only J/I_z: the body turns against rotors that speed up                                   |
 | `lag`, `delay`         | first-order lag of the thrusts, and how much later than the motors the motion is logged   |
 | `drag_x`, `_y`, `_z`   | drag per velocity along the body axes                                                     |
@@ -21,7 +25,10 @@ Mass, gravity and the geometry of the rotors are known. From motions and motor n
 | `pole_drag_area`       | drag of the pole: its mass times an acceleration                                          |
 
 The last two need the direction of the pole, and then its mass and pivot must be right. Without it, no pole flies.
-The inertia of yaw keeps its ratio to the sum of the two others, which the start vehicle has.
+Batteries are not always in the same place, and rotors wear: in each log the thrusts of the rotors get the factors that
+bring their mean shares to the mean of the logs (`FlightLog.trimmed`).
+The inertia of yaw keeps its ratio to the sum of the two others, which the start vehicle has. Where no body has such
+moments, `possible` maps them smoothly onto those of one.
 
 Intervals: 95 %, from the covariance of blocks of windows, H⁻¹ (Σ gᵦ gᵦᵀ) H⁻¹ with the gradient gᵦ of each block, the
 Hessian H = Jᵀ diag(ρ″) J of the loss ρ, and Student's t. Errors in neighbouring windows depend on each other, which H⁻¹
@@ -45,7 +52,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.vehicles import Drag, Pole, Vehicle, rotors_of
 from quadpend_gym.vehicles.vehicle import FASTEST_LOOP
 from quadpend_train.flight_logs.log import FlightLog, rate_of_attitude, smoothed_derivative
-from quadpend_train.flight_logs.replay import Windows, errors, fly, hover_coefficient, windows_of, without_pole
+from quadpend_train.flight_logs.replay import Thrust, Windows, errors, fly, hover_thrust, windows_of, without_pole
 
 TRAINING = 0.7  # share of each log for the fit; the rest is held out
 _HORIZON, _STRIDE, _TIMES = 0.4, 0.1, 20  # s, s; times in a window at which errors count
@@ -53,8 +60,11 @@ _BLOCKS = 30
 _POLE_DRAG = 0.2  # m²/kg: drag area of a carbon tube per mass, where the fit begins
 UNIDENTIFIED, _BLIND = 0.2, 1.0  # relative standard deviations; beyond the second, the value of the start is better
 _PASSES = (0.3, 1.0)  # share of each window in the first and in the second fit: far starts diverge in long windows
+_EARLY = 0.3  # of the root mean square over a window: least scale of errors, since starts explain the earliest ones
+_THINNEST = 0.02  # of the sum: least second moment of mass along an axis
 _IGNORED = 1e9  # scale of errors that do not count
 _GENTLE = 0.4  # share of the angular accelerations that motors explain, below which neither order nor inertia shows
+_SLOW = 0.1  # s: half width of the means of body rates that are compared with those of the attitude
 _STILL = 0.3  # correlation of `falling` below which noise hides the pole's motion
 _BY_TURNS = ("inertia_roll", "inertia_pitch", "lag", "delay", "drag_height", "angular_drag")
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
@@ -73,7 +83,10 @@ class Quantity:
 _SPEED, _TURN = "fast straight flight to all sides", "quick rolls and pitches to both sides"
 QUANTITIES = {
     "thrust_coefficient": Quantity("N per squared motor number", 0.3, 3.0, "climbs and descents"),
+    "thrust_linear": Quantity("of the thrust", 0.0, 1.0, "climbs and descents"),
+    "voltage_exponent": Quantity("", 0.0, 4.0, "until the battery is empty"),
     "torque_per_thrust": Quantity("m", 0.1, 10.0, "yaw steps"),
+    "yaw_trim": Quantity("of the thrust", -0.3, 0.3, "hover"),
     "rotor_inertia": Quantity("kg·m²", 0.0, 10.0, "yaw steps"),
     "inertia_roll": Quantity("kg·m²", 0.1, 10.0, "quick rolls to both sides"),
     "inertia_pitch": Quantity("kg·m²", 0.1, 10.0, "quick pitches to both sides"),
@@ -91,7 +104,8 @@ QUANTITIES = {
     "pole_drag_area": Quantity("m²", 0.0, 20.0, _SPEED),
 }
 POLE = ("pole_length", "pole_drag_area")  # only from logs of the pole's direction
-_FROM_ZERO = ("delay", "drag_height", "centre_x", "centre_y")  # fits begin with zero
+COMMANDS = ("thrust_linear", "voltage_exponent")  # only from commands
+_FROM_ZERO = ("thrust_linear", "yaw_trim", "delay", "drag_height", "centre_x", "centre_y")  # fits begin with zero
 _MAY_BE_ZERO = (*_FROM_ZERO, "lag")  # their size is the scale of the precision
 
 
@@ -108,24 +122,24 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Identification:
-    """Result of `identify`.
+class Found:
+    """What a fit to windows of logs found.
 
     Attributes:
-        vehicle: The vehicle; quantities about which the log says nothing have the values of the start vehicle.
-        coefficient: Thrust per squared motor number, N.
+        vehicle: The vehicle; quantities about which the logs say nothing have the values of the start vehicle.
+        thrust: Thrust by the motor numbers.
         delay: Time by which the motion is logged later than the motors, s.
         estimates: All quantities by name.
-        fitted, held_out: The logs' parts for the fit and for the test.
+        fitted, held_out: The logs for the fit and for the test.
         gentle: Whether the motors explain too little of the turning to show their order and the inertia.
     """
 
     vehicle: Vehicle
-    coefficient: float
+    thrust: Thrust
     delay: float
     estimates: dict[str, Estimate]
-    fitted: list[FlightLog]
-    held_out: list[FlightLog]
+    fitted: Sequence[FlightLog]
+    held_out: Sequence[FlightLog]
     gentle: bool
 
     def table(self) -> str:
@@ -150,34 +164,51 @@ class Identification:
 
 def unseen(log: FlightLog) -> dict[str, str]:
     """Return the quantities that no manoeuvre shows in this log, and what to log instead."""
-    lag = {"lag": "log the commanded speeds"} if log.measured else {}
-    return lag if log.has_speeds else lag | {"rotor_inertia": "log the speeds of the rotors"}
+    out = {"lag": "log the commanded speeds"} if log.measured else {}
+    if not log.has_speeds:
+        out["rotor_inertia"] = "log the speeds of the rotors"
+    if log.is_command and not np.ptp(log.voltage):
+        out["voltage_exponent"] = "log the voltage of the battery"
+    return out
 
 
-def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINING) -> Identification:
+def identify(
+    logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINING, tests: Sequence[FlightLog] = ()
+) -> Found:
     """Identify a vehicle from logs of flights without a pole, or with its direction.
 
     Args:
         logs: Logs of one vehicle with the same motor numbers.
         start: Vehicle with the true masses and geometry; everything else is where the fit begins.
-        training: Share of each log for the fit.
+        training: Share of each log for the fit; the rest is held out. With `tests`, the fit has all.
+        tests: Logs that are held out.
     """
-    for log in logs:
+    for log in (*logs, *tests):
         check_log(log, start)
-    fitted = [log.part(0.0, training) for log in logs]
-    held_out = [log.part(training, 1.0) for log in logs] if training < 1.0 else []
+    share = 1.0 if tests else training
+    trim = np.mean([log.trim for log in logs], axis=0)
+    logs, tests = ([log.trimmed(trim) for log in each] for each in (logs, tests))
+    fitted = [log.part(0.0, share) for log in logs]
+    held_out = tests or ([log.part(share, 1.0) for log in logs] if share < 1.0 else [])
     for log in held_out:
         windows_of(log, 0.5, 0.05)  # as `compare` does: a log that is too short is refused before the fit
-    model, windows = _Model.of(fitted, start), [windows_of(log, _HORIZON, _STRIDE) for log in fitted]
-    moved = [falling(log, start) > _STILL for log in fitted if log.pole is not None]
+    return replace(fit([windows_of(log, _HORIZON, _STRIDE) for log in fitted], start), held_out=held_out)
+
+
+def fit(windows: Sequence[Windows], start: Vehicle) -> Found:
+    """Return the vehicle that flies the windows best, beginning with `start`."""
+    logs = [each.log for each in windows]
+    model = _Model.of(logs, start)
+    moved = [falling(log, start) > _STILL for log in logs if log.pole is not None]
     missing = {name: model.known[name] for name in (*unseen(logs[0]), *(() if any(moved) else POLE))}
-    quantities = [name for name in QUANTITIES if model.has_pole or name not in POLE]
+    absent = (*(() if model.has_pole else POLE), *(() if logs[0].is_command else COMMANDS))
+    quantities = [name for name in QUANTITIES if name not in absent]
     values, names = model.begin | missing, [name for name in quantities if name not in missing]
     for share in _PASSES:
-        found = fit(model, [each.beginning(share) for each in windows], values, names)
+        found = _solved(model, [each.beginning(share) for each in windows], values, names)
         values = found.values
     if model.has_pole:  # noise of the logged direction biases the length, since its errors in the starts grow
-        found = fit(model, found.with_best_poles(), values, names)
+        found = _solved(model, found.with_best_poles(), values, names)
     estimates = found.estimates()
     if hidden := [name for name, each in estimates.items() if each.blind and name != "delay"]:
         fixed = {name: model.known[name] for name in hidden}  # again, with what the log does not show as in the start
@@ -186,14 +217,32 @@ def identify(logs: Sequence[FlightLog], start: Vehicle, training: float = TRAINI
     values = found.values
     nothing = {name: Estimate(name, value, np.inf, (-np.inf, np.inf), False, True) for name, value in missing.items()}
     estimates = {name: (estimates | nothing)[name] for name in quantities}
-    gentle = max(regression(log, start)[0] for log in fitted) < _GENTLE
+    gentle = max(regression(log, start)[0] for log in logs) < _GENTLE
     if gentle:
         estimates |= {name: replace(estimates[name], identified=False) for name in _BY_TURNS}
     values |= {name: found.value for name, found in estimates.items() if not found.blind}
-    vehicle = replace(model.vehicle(values), name="identified")
+    vehicle, thrust = replace(model.vehicle(values), name="identified"), model.thrust(values)
     if not model.has_pole:
         vehicle = replace(vehicle, pole=start.pole, pivot=start.pivot)
-    return Identification(vehicle, values["thrust_coefficient"], values["delay"], estimates, fitted, held_out, gentle)
+    low, high = rotors_of(start).thrust  # what was not flown stays
+    flown = [thrust.coefficient * thrust.shape(log, rotors_of(start).spins) for log in logs]
+    limits = min(low, *(float(each.min()) for each in flown)), max(high, *(float(each.max()) for each in flown))
+    vehicle = replace(vehicle, rotors=replace(rotors_of(vehicle), thrust=limits))
+    return Found(vehicle, thrust, values["delay"], estimates, logs, [], gentle)
+
+
+def possible(roll: float, pitch: float, yaw: float) -> tuple[float, float, float]:
+    """Return the principal moments of inertia of a body, which are these if a body has them.
+
+    Its second moments of mass along x, y and z, (−I_x + I_y + I_z)/2 and so on, are positive: small and negative ones
+    become small positive ones, in a map with a continuous derivative.
+    """
+    half = 0.5 * (roll + pitch + yaw)
+    least = _THINNEST * half
+    x, y, z = (
+        a if (a := half - each) > least else least * float(np.exp(a / least - 1.0)) for each in (roll, pitch, yaw)
+    )
+    return y + z, x + z, x + y
 
 
 @dataclass(frozen=True)
@@ -203,7 +252,7 @@ class _Model:
     base: Vehicle
     has_pole: bool
     has_speeds: bool
-    fastest: float  # highest number of a motor
+    highest: float  # thrust above all that a fit tries, N
     sizes: dict[str, float]
     begin: dict[str, float]
     known: dict[str, float]  # those of the start vehicle
@@ -214,11 +263,15 @@ class _Model:
         has_pole, has_speeds = any(log.pole is not None for log in logs), logs[0].has_speeds
         rotors, mass, pole, drag = rotors_of(start), start.mass, start.pole, start.drag
         arm = float(np.abs(np.array(rotors.positions)[:, :2]).max())
-        coefficient = float(np.mean([hover_coefficient(log, start) for log in logs]))
+        hover = [hover_thrust(log, start) for log in logs]
+        coefficient = float(np.mean([each.coefficient for each in hover]))
         roll, pitch, _ = np.diag(start.inertia_matrix).tolist()
         lag = 0.5 * sum(rotors.lags)
         sizes = {
             "thrust_coefficient": coefficient,
+            "thrust_linear": 1.0,
+            "voltage_exponent": 1.0,
+            "yaw_trim": 1.0,
             "torque_per_thrust": rotors.torque_per_thrust,
             "rotor_inertia": 0.002 * roll,
             "inertia_roll": roll,
@@ -233,6 +286,7 @@ class _Model:
             "pole_drag_area": _POLE_DRAG * pole.mass,
         }
         begin = {name: 0.0 if name in _FROM_ZERO else size for name, size in sizes.items()}
+        begin["voltage_exponent"] = hover[0].exponent
         known = dict(zip(("drag_x", "drag_y", "drag_z"), drag.rotor, strict=True)) | {
             "thrust_coefficient": (rotors.thrust_coefficient if has_speeds else None) or coefficient,
             "rotor_inertia": rotors.inertia,
@@ -242,27 +296,33 @@ class _Model:
             "angular_drag_yaw": drag.angular[2],
             "pole_drag_area": pole.drag_area,
         }
-        fastest = max(float(log.motors.max()) for log in logs)
+        shapes = [hover[0].shape(log, rotors.spins).max() + float(log.is_command) for log in logs]
+        highest = max(rotors.thrust[1], 2.0 * QUANTITIES["thrust_coefficient"].high * coefficient * max(shapes))
         base = start if has_pole else without_pole(start)
-        return cls(base, has_pole, has_speeds, fastest, sizes, begin, begin | known)
+        return cls(base, has_pole, has_speeds, highest, sizes, begin, begin | known)
+
+    def thrust(self, v: dict[str, float]) -> Thrust:
+        """Return the thrust with these values."""
+        return Thrust(v["thrust_coefficient"], v["thrust_linear"], v["voltage_exponent"], v["yaw_trim"])
 
     def vehicle(self, v: dict[str, float]) -> Vehicle:
         """Return the vehicle with these values; without a pole in the logs, with a nearly weightless one."""
         base, rotors = self.base, rotors_of(self.base)
         roll, pitch, yaw = np.diag(base.inertia_matrix).tolist()
-        inertia = v["inertia_roll"], v["inertia_pitch"]
+        ratio = yaw / (roll + pitch)
+        roll, pitch = v["inertia_roll"], v["inertia_pitch"]
         positions: Any = np.array(rotors.positions) - [v["centre_x"], v["centre_y"], 0.0]
         return replace(
             base,
             pole=stretched(base.pole, v["pole_length"], v["pole_drag_area"]) if self.has_pole else base.pole,
-            inertia=(*inertia, sum(inertia) * yaw / (roll + pitch)),
+            inertia=possible(roll, pitch, ratio * (roll + pitch)),
             rotors=replace(
                 rotors,
                 positions=positions,
                 torque_per_thrust=v["torque_per_thrust"],
                 lag_up=v["lag"],
                 lag_down=None,
-                thrust=(0.0, max(v["thrust_coefficient"] * self.fastest**2, 0.3 * base.weight)),
+                thrust=(0.0, self.highest),
                 inertia=v["rotor_inertia"] if self.has_speeds else rotors.inertia,
                 thrust_coefficient=v["thrust_coefficient"] if self.has_speeds else rotors.thrust_coefficient,
             ),
@@ -276,11 +336,11 @@ class _Model:
 
     def errors(self, values: dict[str, float], windows: Sequence[Windows], offset: Any = None) -> Floats:
         """Return the errors at the times that count, shape (times, w, c); c is 12, or 15 with a pole."""
-        vehicle, coefficient, delay = self.vehicle(values), values["thrust_coefficient"], values["delay"]
+        vehicle, thrust, delay = self.vehicle(values), self.thrust(values), values["delay"]
         if offset is not None:
             windows = [replace(w, offset=offset if w.offset is None else offset + w.offset) for w in windows]
         at = np.unique(np.linspace(0, windows[0].steps, _TIMES + 1).round().astype(int))
-        found = [errors(fly(each, vehicle, coefficient, delay), each, at) for each in windows]
+        found = [errors(fly(each, vehicle, thrust, delay), each, at) for each in windows]
         channels = max(each.shape[2] for each in found)  # a log without a pole has no errors of it
         return np.concatenate([np.pad(each, ((0, 0), (0, 0), (0, channels - each.shape[2]))) for each in found], axis=1)
 
@@ -290,7 +350,8 @@ class _Weights:
     """How much errors count, and what starts of the windows explain of them, from the values where a fit begins.
 
     Attributes:
-        scales: Root mean square of the errors over times, windows and axes, by which they are divided, shape (c,).
+        scales: Root mean square of the errors over windows of a log and axes, by which they are divided, shape
+            (times, w, c).
         slopes: Of the scaled errors by the starts of the windows, of norm 1, shape (w, 12 or 16, c times).
         norms: By which the slopes were divided, shape (w, 12 or 16).
         gains: From errors to the starts that explain them best, shape (w, 12 or 16, c times).
@@ -321,16 +382,13 @@ def _weights(model: _Model, windows: Sequence[Windows], values: dict[str, float]
     here, units = model.errors(values, windows, np.zeros(16)), np.eye(16)[: 16 if model.has_pole else 12]
     moved = (model.errors(values, windows, _STEP * unit) - here for unit in units)
     by_start = np.stack([np.swapaxes(each, 0, 1) for each in moved], axis=1) / _STEP
-    with_pole = sum(len(each.first) for each in windows if each.log.pole is not None)
-    rest = here
+    counts, rest = np.cumsum([len(each.first) for each in windows])[:-1], here
     for _ in range(2):  # the second time without what the starts explain
-        size = np.sqrt((rest.reshape(*rest.shape[:2], -1, 3) ** 2).mean(axis=(0, 1, 3)))
-        size[1] = _IGNORED
-        size[4:] *= np.sqrt(rest.shape[1] / max(1, with_pole))  # over the windows with a pole
-        if not all(each.log.has_position for each in windows):
-            size[0] = _IGNORED
-        scales = np.repeat(np.maximum(size, 1e-9), 3)
-        slopes = (by_start / scales).reshape(*by_start.shape[:2], -1)
+        scales = np.concatenate(
+            [_scales(part, each.log) for part, each in zip(np.split(rest, counts, axis=1), windows, strict=True)],
+            axis=1,
+        )
+        slopes = (by_start / np.swapaxes(scales, 0, 1)[:, np.newaxis]).reshape(*by_start.shape[:2], -1)
         norms = np.maximum(np.linalg.norm(slopes, axis=2, keepdims=True), 1e-6)
         slopes /= norms
         gains = np.linalg.solve(slopes @ np.swapaxes(slopes, 1, 2) + 1e-9 * np.eye(len(units)), slopes)
@@ -339,14 +397,24 @@ def _weights(model: _Model, windows: Sequence[Windows], values: dict[str, float]
     return weights
 
 
-def fit(model: _Model, windows: Sequence[Windows], values: dict[str, float], names: Sequence[str]) -> "_Found":
+def _scales(found: Floats, log: FlightLog) -> Floats:
+    """Return the scales of the errors in the windows of a log, shape (times, w, c)."""
+    squares = (found.reshape(*found.shape[:2], -1, 3) ** 2).mean(axis=(1, 3))
+    sizes = np.sqrt(np.maximum(squares, _EARLY**2 * squares.mean(axis=0)))
+    sizes[:, 1] = _IGNORED
+    if not log.has_position:
+        sizes[:, 0] = _IGNORED
+    return np.broadcast_to(np.repeat(np.maximum(sizes, 1e-9), 3, axis=1)[:, np.newaxis], found.shape)
+
+
+def _solved(model: _Model, windows: Sequence[Windows], values: dict[str, float], names: Sequence[str]) -> "_Fit":
     """Return the values of the named quantities that minimise the loss of the errors, beginning with these."""
-    return _Found(model, windows, _weights(model, windows, values), values, names).solved(values, names)
+    return _Fit(model, windows, _weights(model, windows, values), values, names).solved(values, names)
 
 
 @dataclass(frozen=True)
-class _Found:
-    """What a fit found."""
+class _Fit:
+    """A fit of the named quantities."""
 
     model: _Model
     windows: Sequence[Windows]
@@ -364,7 +432,7 @@ class _Found:
         moved = (self.errors({**values, name: values[name] + _STEP * sizes[name]}) for name in self.names)
         return np.stack([(there - here) / _STEP for there in moved], axis=-1)
 
-    def solved(self, values: dict[str, float], names: Sequence[str]) -> "_Found":
+    def solved(self, values: dict[str, float], names: Sequence[str]) -> "_Fit":
         """Return the fit of the named quantities with the same weights, beginning with these values."""
         again, sizes = replace(self, names=names), self.model.sizes
 
@@ -434,8 +502,7 @@ class _Found:
         for sign in (1.0, -1.0):
             noisy = [replace(log, motors=log.motors + sign * a) for log, a in zip(logs, noise, strict=True)]
             with_noise = [replace(each, log=log) for each, log in zip(self.windows, noisy, strict=True)]
-            faster = replace(self.model, fastest=max(float(log.motors.max()) for log in noisy))
-            other = replace(self, model=faster, windows=with_noise)
+            other = replace(self, windows=with_noise)
             found, slopes = other.errors(self.values), other.jacobian(self.values)
             out += 0.5 * np.einsum("twci,twc->i", slopes, found * (1.0 + found**2) ** -0.5)
         return out
@@ -463,7 +530,8 @@ def regression(log: FlightLog, vehicle: Vehicle) -> tuple[float, Any]:
     squares = savgol_filter(log.motors**2, 2 * half + 1, 2, axis=0)
     turning, found = smoothed_derivative(log.rate[:, :2], log.period), list[tuple[float, Any]]()
     for late in np.unique(np.linspace(0.0, latest, 8).round().astype(int)).tolist():
-        before, after = squares[: len(log) - late], turning[late:]
+        kept = log.valid[: len(log) - late] & log.valid[late:]
+        before, after = squares[: len(log) - late][kept], turning[late:][kept]
         before, after = before - before.mean(axis=0), after - after.mean(axis=0)
         slopes = np.linalg.lstsq(before, after, rcond=None)[0]
         found.append((1.0 - ((after - before @ slopes) ** 2).sum() / max((after**2).sum(), 1e-9), slopes.T))
@@ -486,7 +554,9 @@ def check_log(log: FlightLog, vehicle: Vehicle) -> None:
             f"the log {log.name!r} has a pole that falls upwards: check that its direction is in the world frame and"
             " leads from the pivot to its centre of mass"
         )
-    rate, turned = log.rate, rate_of_attitude(log.rotation, log.period)
+    width = 2 * max(1, round(_SLOW / log.period)) + 1  # motion capture shows no quick turns
+    both = log.rate, rate_of_attitude(log.rotation, log.period)
+    rate, turned = (savgol_filter(each, width, 1, axis=0)[log.valid] for each in both)
     axes = [axis for axis in range(3) if rate[:, axis].std() > 0.1]
     if any(np.corrcoef(rate[:, axis], turned[:, axis])[0, 1] < 0.5 for axis in axes):
         raise ValueError(

@@ -4,7 +4,7 @@ World frame: z up. Body frame: x forward, y left, z up. Quaternions are w, x, y,
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,10 +21,22 @@ _LONGEST_GAP = 3.5  # usual distances between two positions; windows of a replay
 _COUNTERS = (2**24 * 1e-6, 2**16 * 1e-3, 2**32 * 1e-6, 2**24 * 1e-3, 2**32 * 1e-3)  # s, after which they begin again
 _PERIODS = (1e-4, 0.1)  # s: a wrong unit of the time, by a factor of 1000, leaves this range
 _JUMP = 0.5  # m: longest step between two samples, beyond that of the velocity; an estimator that resets its position
+_TURN = 0.35  # rad: longest turn between two samples, beyond that of the body rate; motion capture that flips
 _NORM = 0.1  # largest deviation of the norm of a quaternion from 1
+_SPIKE, _SPIKES = 1.0, 20.0  # rad/s, and median deviations, of a body rate from the median of five samples
+_FASTEST = {
+    "rad/s": 2.0,
+    "rpm": 2.0,
+    "100 rpm": 2.0,
+    "N": 4.0,
+}  # largest motor number as a multiple of the 99 % quantile
+_STRAIGHT = 1e-3, 0.98  # share of this quantile: samples this much closer to a straight line are interpolated
+_REST, _SPAN = (0.003, 0.005), 0.5  # m and half a rad, in which a vehicle at rest stays for so long, s
+_FALLEN = 0.5  # cosine of the tilt in which a crashed vehicle ends
+NOMINAL = 3.7  # V: voltages of a battery are in units of that of one lithium cell
 _LARGEST = 1e8  # of all numbers but the time; northings of UTM are up to 1e7 m
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_SPEEDS = {"rad/s": 1.0, "rpm": np.pi / 30.0, "100 rpm": np.pi / 0.3, "N": 1.0, "1": 1.0}
+_SPEEDS = {"rad/s": 1.0, "rpm": np.pi / 30.0, "100 rpm": np.pi / 0.3, "N": 1.0, "1": 1.0, "pwm16": 1.0 / 65535.0}
 _RATES = {"rad/s": 1.0, "deg/s": np.pi / 180.0}
 Three = tuple[str, str, str]
 Four = tuple[str, str, str, str]
@@ -44,8 +56,9 @@ class Columns:
     rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
     pole_direction: Three | None = None  # from the pivot along the pole, world frame, of any length; None: no pole flew
     time_unit: Literal["s", "ms", "us", "ns"] = "s"
-    # speeds, thrusts in N, or "1": commands in [0, 1] whose square is proportional to the thrust
-    motor_unit: Literal["rad/s", "rpm", "100 rpm", "N", "1"] = "rad/s"
+    # speeds; thrusts in N; or commands from 0 to 1, or to 65535 ("pwm16"), whose squares are about proportional to them
+    motor_unit: Literal["rad/s", "rpm", "100 rpm", "N", "1", "pwm16"] = "rad/s"
+    voltage: str | None = None  # of the battery, V, by which commands make more or less thrust
     measured: bool = False  # measured speeds, not commanded ones: the thrust does not lag behind them
     poles: Annotated[int, Range(1, 100)] = 1  # pairs of poles of a motor: electrical revolutions in each of its own
     # "up": z up, body x forward, y left; "down": z down, body x forward, y right, as in PX4
@@ -62,7 +75,8 @@ class Columns:
     def names(self) -> list[str]:
         """The names of all columns."""
         vectors = (self.position, self.velocity, self.quaternion, self.rate, self.pole_direction)
-        return [self.time, *self.motors, *(name for names in vectors for name in names or ())]
+        voltage = [self.voltage] if self.voltage else []
+        return [self.time, *self.motors, *voltage, *(name for names in vectors for name in names or ())]
 
 
 DEFAULT = Columns(velocity=("vx", "vy", "vz"), rate=("wx", "wy", "wz"))
@@ -86,6 +100,9 @@ class FlightLog:
         has_position: Whether position and velocity are measured; otherwise they are zero.
         valid: Whether the log has samples around a time, shape (n,).
         pole: Direction of the pole from its pivot, world frame, and its derivative, 1/s, shape (n, 6); None: no pole.
+        voltage: Voltage of the battery in units of `NOMINAL`, shape (n,); ones if it is not logged.
+        is_command: Whether `motors` are commands, so that their squares are only about proportional to the thrusts.
+        notes: Sentences about what was left out.
     """
 
     name: str
@@ -100,6 +117,9 @@ class FlightLog:
     has_position: bool
     valid: Any
     pole: Floats | None = None
+    voltage: Floats = field(default_factory=lambda: np.ones(1))
+    is_command: bool = False
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.position)
@@ -109,17 +129,33 @@ class FlightLog:
         """The attitude, body to world."""
         return Rotation.from_quat(self.quaternion, scalar_first=True)
 
+    @property
+    def trim(self) -> Floats:
+        """The mean share of each rotor in the squared motor numbers, shape (4,)."""
+        squares = (self.motors**2)[self.valid].mean(axis=0)
+        return np.asarray(squares / squares.sum())
+
+    def trimmed(self, trim: Floats) -> "FlightLog":
+        """Return the log with the motor numbers that have this `trim`."""
+        return replace(self, motors=self.motors * np.sqrt(trim / self.trim))
+
     def gaps(self) -> list[str]:
-        """Return a sentence about the gaps in the log, if there are any."""
+        """Return sentences about what was left out and about the gaps in the log, if there are any."""
         share = 1.0 - float(self.valid.mean())
-        return [f"{share:.1%} of the log {self.name} is in gaps; windows with gaps are left out"] if share else []
+        gaps = [f"{share:.1%} of the log {self.name} is in gaps; windows with gaps are left out"] if share else []
+        return [*self.notes, *gaps]
 
     def part(self, first: float, last: float) -> "FlightLog":
         """Return the part from one share of the log to another, such as the first 70 %: ``part(0.0, 0.7)``."""
-        cut = slice(int(first * len(self)), int(last * len(self)))
+        return self.cut(int(first * len(self)), int(last * len(self)))
+
+    def cut(self, begin: int, end: int) -> "FlightLog":
+        """Return the samples from one to before another."""
+        cut = slice(begin, end)
         arrays = ("position", "velocity", "quaternion", "rate", "motors", "valid")
         pole = None if self.pole is None else self.pole[cut]
-        return replace(self, pole=pole, **{name: getattr(self, name)[cut] for name in arrays})
+        voltage = self.voltage if len(self.voltage) == 1 else self.voltage[cut]
+        return replace(self, pole=pole, voltage=voltage, **{name: getattr(self, name)[cut] for name in arrays})
 
     def save(self, path: str | Path) -> None:
         """Write a CSV file with the default columns, and rx, ry, rz for the direction of the pole."""
@@ -132,8 +168,21 @@ class FlightLog:
 
 
 def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
-    """Return a log from a table: on an even grid, in the package's frames, with the derivatives that it lacks."""
+    """Return a log from a table: on an even grid, in the package's frames, with the derivatives that it lacks.
+
+    Outliers, times without samples, and the rest before and after a flight are left out, see `FlightLog.notes`. A
+    table without any column of the pole's direction is the log of a flight without a pole.
+    """
+    if columns.pole_direction and not any(each in table for each in columns.pole_direction):
+        columns = replace(columns, pole_direction=None)
     stamps, numbers = _numbers(name, table, columns)
+    outliers = _outliers(numbers, columns)
+    notes = [
+        f"{int(rows.sum())} rows of the log {name} with {what} are left out"
+        for what, rows in outliers.items()
+        if rows.any()
+    ]
+    numbers[np.any([*outliers.values()], axis=0)] = np.nan
     since = stamps - np.min(stamps, initial=np.inf)
     keep = numbers.notna().all(axis=1) & (since >= columns.seconds[0]) & (since <= columns.seconds[1])
     time, first = np.unique(stamps[keep], return_index=True)
@@ -180,14 +229,23 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     velocity = flip * resampled(columns.velocity) if columns.velocity else smoothed_derivative(position, period)
     pole = columns.pole_direction and pole_motion(flip * resampled(columns.pole_direction, seen), period)
     motors = resampled(columns.motors) * _SPEEDS[columns.motor_unit] / columns.poles
-    valid, samples = np.full(len(grid), True), time[seen]
-    distances = np.diff(samples)
-    jump = np.linalg.norm(np.diff(position, axis=0) - period * velocity[1:], axis=1) > _JUMP
-    gaps = np.flatnonzero(distances > _LONGEST_GAP * np.median(distances))
-    breaks = [(samples[i], samples[i + 1]) for i in gaps] + [(grid[i], grid[i + 1]) for i in np.flatnonzero(jump)]
-    for begin, end in breaks if columns.position else breaks[: len(gaps)]:  # derivatives near a gap contain it
+    jump = np.full(len(grid) - 1, False)
+    if columns.position:
+        jump |= np.linalg.norm(np.diff(position, axis=0) - period * velocity[1:], axis=1) > _JUMP
+    if columns.quaternion:
+        turn = (rotation[:-1].inv() * rotation[1:]).magnitude()
+        jump |= turn > _TURN + 1.5 * period * np.linalg.norm(rate[1:], axis=1)
+    breaks = [(grid[i], grid[i + 1]) for i in np.flatnonzero(jump)]
+    groups = [list(each) for each in (columns.position, columns.motors, columns.rate) if each]
+    for samples in (time[seen], *(time[_knots(time, table[each])] for each in groups)):
+        distances = np.diff(samples)
+        breaks += [
+            (samples[i], samples[i + 1]) for i in np.flatnonzero(distances > _LONGEST_GAP * np.median(distances))
+        ]
+    valid = np.full(len(grid), True)
+    for begin, end in breaks:  # derivatives near a gap contain it
         valid &= (grid <= begin - _SMOOTHING) | (grid >= end + _SMOOTHING)
-    return FlightLog(
+    log = FlightLog(
         name,
         period,
         position,
@@ -200,7 +258,64 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
         columns.position is not None,
         valid,
         pole,
+        resampled([columns.voltage])[:, 0] / NOMINAL if columns.voltage else np.ones(1),
+        columns.motor_unit in ("1", "pwm16"),
+        tuple(notes),
     )
+    return _flight(log) if columns.position and columns.quaternion else log
+
+
+def _outliers(numbers: pd.DataFrame, columns: Columns) -> dict[str, Any]:
+    """Return by their names the kinds of rows whose numbers no vehicle makes."""
+    motors, out = numbers[list(columns.motors)], dict[str, Any]()
+    most = (
+        65535.0 if columns.motor_unit == "pwm16" else _FASTEST.get(columns.motor_unit, np.inf) * motors.quantile(0.99)
+    )
+    out["a motor out of its range"] = (motors > most).any(axis=1) | (columns.motor_unit == "pwm16") & (
+        motors < 0.0
+    ).any(axis=1)
+    if columns.rate:
+        rates = numbers[list(columns.rate)] * _RATES[columns.rate_unit]
+        away = (rates - rates.rolling(5, center=True, min_periods=1).median()).abs()
+        out["a spike of the body rate"] = (away > np.maximum(_SPIKE, _SPIKES * away.median())).any(axis=1)
+    if columns.quaternion:
+        norms = np.linalg.norm(numbers[list(columns.quaternion)], axis=1)
+        out["no attitude"] = np.abs(norms - 1.0) > _NORM
+    return out
+
+
+def _knots(time: Floats, table: pd.DataFrame) -> Any:
+    """Return which rows are no interpolation between their neighbours, shape (n,); the first and the last one are none.
+
+    Tables of several topics repeat, interpolate or extrapolate what was not sampled at their times.
+    """
+    numbers, share = table.to_numpy(float), np.diff(time)[:-1, np.newaxis] / (time[2:] - time[:-2])[:, np.newaxis]
+    away = np.abs((1.0 - share) * numbers[:-2] + share * numbers[2:] - numbers[1:-1])
+    share_of, quantile = _STRAIGHT
+    return np.pad((away > share_of * np.quantile(away, quantile, axis=0)).any(axis=1), 1, constant_values=True)
+
+
+def _flight(log: FlightLog) -> FlightLog:
+    """Return the log from the first to the last sample of the flight, and mark the rest on the ground as gaps."""
+    width = max(3, round(_SPAN / log.period))
+    moved = [
+        pd.DataFrame(each).rolling(width, center=True, min_periods=1) for each in (log.position, log.quaternion[:, 1:])
+    ]
+    rest = np.all(
+        [((each.max() - each.min()) < most).all(axis=1) for each, most in zip(moved, _REST, strict=True)], axis=0
+    )
+    valid, upright = log.valid & ~rest, log.rotation.as_matrix()[:, 2, 2] > _FALLEN
+    if not upright[-1] and upright.any():
+        valid[max(0, int(np.flatnonzero(upright)[-1]) - width) :] = False
+    kept = np.flatnonzero(valid)
+    if len(kept) < width or not np.ptp(log.position[kept], axis=0).any():
+        raise ValueError(
+            f"the log {log.name!r} shows no flight: its position hardly changes, or its samples are no samples"
+        )
+    begin, end = int(kept[0]), int(kept[-1]) + 1
+    note = f"{log.period * (len(log) - end + begin):.3g} s at the ends of the log {log.name} show no flight"
+    notes = (*log.notes, note) if end - begin < len(log) else log.notes
+    return replace(log, valid=valid, notes=notes).cut(begin, end)
 
 
 def _numbers(name: str, table: pd.DataFrame, columns: Columns) -> tuple[Floats, pd.DataFrame]:
@@ -236,9 +351,11 @@ def _numbers(name: str, table: pd.DataFrame, columns: Columns) -> tuple[Floats, 
         )
     if columns.quaternion:
         norms = np.linalg.norm(numbers[list(columns.quaternion)], axis=1)
-        for i in np.flatnonzero(np.abs(norms - 1.0) > _NORM)[:1]:
+        wrong = np.flatnonzero(np.abs(norms - 1.0) > _NORM)
+        if 2 * len(wrong) > len(norms):
             raise ValueError(
-                f"the log {name!r} must have quaternions of norm 1, not {norms[i]:.3g} as in row {numbers.index[i] + 1}"
+                f"the log {name!r} must have quaternions of norm 1, not {norms[wrong[0]]:.3g} as in row"
+                f" {numbers.index[wrong[0]] + 1}"
             )
     return time, numbers
 

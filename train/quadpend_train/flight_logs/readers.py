@@ -3,6 +3,7 @@
 import logging
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +44,18 @@ _TOPICS = {  # of PX4: fields and the names of their columns
 
 
 def as_columns(columns: Columns | str | Path | None, default: Columns) -> Columns:
-    """Return columns from themselves or the TOML file of their fields; None is the default."""
-    return Columns(**read_toml(Path(columns))) if isinstance(columns, str | Path) else columns or default
+    """Return columns from themselves or the TOML file of their fields; None is the default.
+
+    Those of a file replace some of a format's own. For a CSV file, they are all that there is.
+    """
+    if not isinstance(columns, str | Path):
+        return columns or default
+    given = read_toml(Path(columns))
+    return Columns(**given) if default is DEFAULT else replace(default, **given)
 
 
 def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> FlightLog:
-    """Read a log; for a CSV file `columns` are a `Columns` or the TOML file of its fields, for others replacements."""
+    """Read a log; `columns` are a `Columns` or the TOML file of its fields, which replace those of a format."""
     path = Path(path)
     read, default, kind = {
         ".ulg": (_px4, PX4, "a PX4 log (ULog)"),
@@ -65,8 +72,6 @@ def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> F
     log = make_log(path.stem, table, known)
     if still := [name for name, numbers in zip(known.motors, log.motors.T, strict=True) if not numbers.any()]:
         raise ValueError(f"the log {log.name!r} shows no flight: its motor {still[0]!r} never turns")
-    if log.has_position and not np.ptp(log.position, axis=0).any():
-        raise ValueError(f"the log {log.name!r} shows no flight: its position never changes")
     return log
 
 

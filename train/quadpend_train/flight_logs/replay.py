@@ -5,7 +5,9 @@ before it have brought; thrusts do not lag behind measured speeds. All windows a
 has its pole if the log has the pole's direction.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,33 @@ CHANNELS = {"position": "mm", "velocity": "mm/s", "attitude": "°", "rate": "°/
 SCALES = dict(zip(CHANNELS, (1e3, 1e3, *np.degrees(np.ones(3))), strict=True))
 _NO_POLE = Pole(mass=1e-5, length=0.5)  # the lightest one; its weight is 0.1 mN
 _LONGEST_STEP = 0.005  # s
+_BRUSHED = 2.0  # exponent of the voltage: the speed of a brushed motor is proportional to it
 _WARM_UP = 8.0  # lags of the rotors before a window, in which their thrusts forget where they began
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """Thrust of a rotor by its motor number u and the voltage V of the battery.
+
+    It is coefficient · ((1 − linear) u² + linear u) · V^exponent · (1 + trim spin), with V in units of `log.NOMINAL`. A
+    motor whose speed is proportional to its mean voltage, as a brushed one under PWM, has linear 0 and exponent 2.
+
+    Attributes:
+        coefficient: Thrust at u = 1 and the nominal voltage, N; of speeds, N·s²/rad².
+        linear: Share of the thrust that is linear in u.
+        exponent: Exponent of the voltage.
+        trim: Share by which rotors of the spin 1 push more, and those of the spin −1 less.
+    """
+
+    coefficient: float
+    linear: float = 0.0
+    exponent: float = 0.0
+    trim: float = 0.0
+
+    def shape(self, log: FlightLog, spins: Sequence[int]) -> Floats:
+        """Return the thrusts of a log divided by the coefficient, shape (n, 4)."""
+        numbers = (1.0 - self.linear) * log.motors**2 + self.linear * log.motors
+        return np.asarray(numbers * log.voltage[:, np.newaxis] ** self.exponent * (1.0 + self.trim * np.array(spins)))
 
 
 @dataclass(frozen=True)
@@ -69,7 +97,7 @@ def without_pole(vehicle: Vehicle) -> Vehicle:
     return replace(vehicle, pole=_NO_POLE, pivot=(0.0, 0.0, 0.0))
 
 
-def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0.0) -> Any:
+def fly(windows: Windows, vehicle: Vehicle, thrust: Thrust, delay: float = 0.0) -> Any:
     """Return the motion of a vehicle in all windows, shape (steps + 1, w, 13), or (steps + 1, w, 16) with a pole.
 
     Position and velocity (world, m and m/s), quaternion (w, x, y, z), body rate (rad/s), and direction of the pole.
@@ -77,7 +105,7 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
     Args:
         windows: The windows.
         vehicle: The vehicle; its pole flies if the log has one.
-        coefficient: Thrust per squared number of `FlightLog.motors`, N.
+        thrust: Thrust by the numbers of `FlightLog.motors`.
         delay: Time by which the log of the motion is later than that of the motors, s.
     """
     log, offset, rotors = windows.log, windows.offset, rotors_of(vehicle)
@@ -90,13 +118,14 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
     slow = replace(vehicle, rotors=rotors, rate_loop=RateLoop(time_constant=1.0))  # it does not act here
     simulation = Simulation(vehicle=slow, interface="rotors", period=log.period, substeps=substeps)
     plant, hover = RigidPlant(simulation), hover_thrusts(slow)
-    # The command of a period is the mean of the squared motor numbers in it, which are linear between samples.
+    # The command of a period is the mean thrust in it; thrusts are linear between samples.
     shift, part = divmod(-delay / log.period, 1.0)
     rows = np.arange(len(log)) + int(shift)
-    squares = (log.motors[(rows + i).clip(0, len(log) - 1)] ** 2 for i in range(3))
+    shape = thrust.shape(log, rotors.spins)
+    shifted = (shape[(rows + i).clip(0, len(log) - 1)] for i in range(3))
     weights = 0.5 * (1.0 - part) ** 2, 0.5 + part * (1.0 - part), 0.5 * part**2
-    mean = sum(weight * square for weight, square in zip(weights, squares, strict=True))
-    thrusts = np.clip(coefficient * mean, low, high)
+    mean = sum(weight * each for weight, each in zip(weights, shifted, strict=True))
+    thrusts = np.clip(thrust.coefficient * mean, low, high)
     actions = rotor_actions(thrusts, hover, rotors.thrust)
 
     count = len(windows.first)
@@ -127,7 +156,7 @@ def fly(windows: Windows, vehicle: Vehicle, coefficient: float, delay: float = 0
         if step < windows.steps:
             disturbance, at = np.zeros((count, 9)), windows.first + step
             if log.has_speeds:
-                disturbance[:, TORQUE:] = spin_up_torque(memory, thrusts[at], rotors, coefficient, log.period)
+                disturbance[:, TORQUE:] = spin_up_torque(memory, thrusts[at], rotors, thrust.coefficient, log.period)
             plant.advance(state, memory, actions[at], disturbance, parameters)
     return out[..., :13] if log.pole is None else out
 
@@ -206,29 +235,35 @@ def held(windows: Windows) -> Any:
     return out
 
 
-def hover_coefficient(log: FlightLog, vehicle: Vehicle) -> float:
-    """Return the thrust per squared motor number that explains the log's vertical acceleration, N."""
+def hover_thrust(log: FlightLog, vehicle: Vehicle) -> Thrust:
+    """Return the thrust by motor numbers that explains the log's vertical acceleration."""
     gravity, mass = vehicle.gravity, vehicle.mass + (0.0 if log.pole is None else vehicle.pole.mass)
+    thrust = Thrust(1.0, exponent=0.0 if log.has_speeds else _BRUSHED)
+    lift = thrust.shape(log, rotors_of(vehicle).spins).sum(axis=1)
     if not log.has_position:  # near hover on average
-        return float(mass * gravity / (log.motors**2).sum(axis=1).mean())
-    lift = log.rotation.as_matrix()[:, 2, 2] * (log.motors**2).sum(axis=1)
+        return replace(thrust, coefficient=float(mass * gravity / lift.mean()))
+    up = log.rotation.as_matrix()[:, 2, 2] * lift
     rise = (log.velocity[-1, 2] - log.velocity[0, 2]) / (log.period * (len(log) - 1))
-    return float(mass * (gravity + rise) / lift.mean())
+    return replace(thrust, coefficient=float(mass * (gravity + rise) / up.mean()))
 
 
 def compare(
-    log: FlightLog, vehicles: dict[str, Vehicle], horizon: float = 0.5, delay: float = 0.0
+    log: FlightLog,
+    vehicles: dict[str, Vehicle],
+    horizon: float = 0.5,
+    delay: float = 0.0,
+    thrusts: Mapping[str, Thrust] = MappingProxyType({}),
 ) -> dict[str, dict[str, Floats]]:
     """Return the errors of vehicles, and of constant velocity with held attitude, over the horizon, see `rms`.
 
-    A vehicle without `rotors.thrust_coefficient`, or a log without speeds, takes the coefficient that explains the
-    log's vertical motion. ``"time"`` has the times in s.
+    A vehicle that `thrusts` does not name has its `rotors.thrust_coefficient`. If it has none, or the log has no
+    speeds, it has the coefficient that explains the log's vertical motion. ``"time"`` has the times in s.
     """
     windows, out = windows_of(log, horizon, 0.05), dict[str, dict[str, Floats]]()
     for name, vehicle in vehicles.items():
         known = rotors_of(vehicle).thrust_coefficient if log.has_speeds else None
-        coefficient = known or hover_coefficient(log, vehicle)
-        out[name] = rms(errors(fly(windows, vehicle, coefficient, delay), windows))
+        thrust = thrusts.get(name) or (Thrust(known) if known else hover_thrust(log, vehicle))
+        out[name] = rms(errors(fly(windows, vehicle, thrust, delay), windows))
     out["held"] = rms(errors(held(windows), windows))
     times = np.asarray(log.period * np.arange(windows.steps + 1), float)
     return {name: {"time": times, **found} for name, found in out.items()}

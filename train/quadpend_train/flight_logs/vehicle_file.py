@@ -11,7 +11,8 @@ import numpy as np
 
 from quadpend_gym.vehicles import Vehicle, rotors_of
 from quadpend_train.common.files import write_text
-from quadpend_train.flight_logs.identify import POLE, QUANTITIES, Estimate, Identification
+from quadpend_train.flight_logs.identify import COMMANDS, POLE, QUANTITIES, Estimate, Found
+from quadpend_train.flight_logs.log import NOMINAL
 
 _UNKNOWN = 0.3  # half width of the range of what the logs do not show, as a share
 _LEAST = 0.02  # half width of every range: models are not exact
@@ -19,7 +20,7 @@ _WIND = 0.045  # fluctuating force on each axis as a share of the weight, as in 
 SETTINGS = "ppo-flight"  # preset for a first training in the scenarios
 
 
-def write_vehicle(found: Identification, start: Vehicle, path: Path) -> Path:
+def write_vehicle(found: Found, start: Vehicle, path: Path) -> Path:
     """Write the vehicle file, and beside it the scenarios for training; return the path of the latter."""
     write_text(path, vehicle_text(found, start))
     training = path.with_name(f"{path.stem}-training.toml")
@@ -27,9 +28,9 @@ def write_vehicle(found: Identification, start: Vehicle, path: Path) -> Path:
     return training
 
 
-def vehicle_text(found: Identification, start: Vehicle) -> str:
+def vehicle_text(found: Found, start: Vehicle) -> str:
     """Return the vehicle as TOML, with the source of each number on its line."""
-    vehicle, estimates = found.vehicle, found.estimates
+    vehicle, estimates, thrust = found.vehicle, found.estimates, found.thrust
     rotors, pole, loop, drag = rotors_of(vehicle), vehicle.pole, vehicle.rate_loop, vehicle.drag
     logs, given = ", ".join(log.name for log in found.fitted), f"as {start.name}"
 
@@ -52,7 +53,7 @@ def vehicle_text(found: Identification, start: Vehicle) -> str:
         ("[rotors]", None, ""),
         ("positions", rotors.positions, f"{given}; centre of mass: {source('centre_x', 'centre_y')}"),
         ("spins", rotors.spins, given),
-        ("thrust", rotors.thrust, "highest: of the highest number of a motor in the logs"),
+        ("thrust", rotors.thrust, f"{given}, unless the logs have lower or higher ones"),
         ("torque_per_thrust", rotors.torque_per_thrust, f"{source('torque_per_thrust')}; with the yaw inertia above"),
         ("lag_up", rotors.lag_up, source("lag")),
         ("inertia", rotors.inertia, f"{source('rotor_inertia')}; with the yaw inertia above"),
@@ -68,6 +69,12 @@ def vehicle_text(found: Identification, start: Vehicle) -> str:
     ]
     lines = [f"# Identified from {logs} with the mass and geometry of {start.name}. Intervals: 95 %."]
     lines += [f"# {sentence}." for sentence in found.sentences()]
+    if found.fitted[0].is_command:
+        k, share, exponent = (f"{each:.5g}" for each in (thrust.coefficient, thrust.linear, thrust.exponent))
+        lines.append(
+            f"# Thrust, N, by command u and voltage V: {k} ((1 − {share}) u² + {share} u) (V/{NOMINAL:g})^{exponent}"
+        )
+        lines.append(f"# {source('thrust_coefficient', *COMMANDS)}")
     for name, value, text in rows:
         if value is None:
             lines += [name] if name.startswith("[") else []
@@ -76,7 +83,7 @@ def vehicle_text(found: Identification, start: Vehicle) -> str:
     return "\n".join(lines) + "\n"
 
 
-def training_text(found: Identification, path: Path) -> str:
+def training_text(found: Found, path: Path) -> str:
     """Return the scenarios for training with the vehicle file at `path`."""
     estimates, roll_pitch_yaw = found.estimates, np.diag(found.vehicle.inertia_matrix).tolist()
     shares = {name: _share(estimates[name]) for name in ("inertia_roll", "inertia_pitch", "thrust_coefficient", "lag")}
