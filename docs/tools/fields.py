@@ -5,23 +5,22 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from docs.tools.declarations import meanings
 from experiments.pages import fill
-from quadpend_gym import Limits, Reference, ReferenceSettings, RewardWeights, StartSettings
+from quadpend_gym import ReferenceSettings, StartSettings
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.settings import declared
 from quadpend_gym.randomization import Around, LoopChanges, LoopRanges
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import Channel
 from quadpend_gym.tasks.jumps import Jumps
-from quadpend_gym.tasks.trajectories import Waypoints
 from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Simulation, Vehicle
 from quadpend_gym.wind import KINDS as WINDS
+from quadpend_train.common.declarations import meanings
 
 PAGE = Path(__file__).parents[1] / "reference/fields.md"
 GROUPS: dict[str, tuple[type[Any], ...]] = {
     "simulation": (Simulation, Around, LoopRanges, LoopChanges),
-    "task": (ReferenceSettings, StartSettings, Jumps, Limits, RewardWeights, Reference, Waypoints),
+    "task": (ReferenceSettings, StartSettings, Jumps),
     "vehicles": (Vehicle, Pole, Rotors, Drag, RateLoop),
     "wind": tuple(WINDS.values()),
     "sensors": (Channel, *SENSORS.values()),
@@ -46,16 +45,16 @@ def _rows(kinds: tuple[type[Any], ...]) -> Iterator[str]:
     for kind in kinds:
         items, texts = {item.name: item for item in fields(kind)}, meanings(kind)
         for name, _, bounds in declared(kind):
-            cells = [_default(items[name]), bounds.unit, texts[name]]
+            cells = [f"{_default(items[name])} {bounds.unit}".strip(), texts[name]]
             found.setdefault((name, " | ".join(cells)), []).append(kind.__name__)
     for (name, rest), (first, *others) in found.items():
-        also = f" (and {', '.join(others)})" if others else ""
+        also = f" ({', '.join(others)})" if others else ""
         yield f"| `{first}.{name}`{also} | {rest} |"
 
 
 def tables() -> dict[str, str]:
     """Return the generated tables of the page by name."""
-    head = ["| field | default | unit | meaning |", "|---|---|---|---|"]
+    head = ["| field | default | meaning |", "|---|---|---|"]
     return {name: "\n".join([*head, *_rows(kinds)]) for name, kinds in GROUPS.items()}
 
 

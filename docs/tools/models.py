@@ -45,8 +45,6 @@ GALLERY = {
     "noise": '{"kind": "noise", "position": {"white": 0.001, "bias": 0.003}, "direction": {"quantum": 0.01}}',
     "sample_hold": '{"kind": "sample_hold", "period": 0.1}',
     "motor_lag": "motor_lag",
-    "rate_limit": '{"kind": "rate_limit", "rate": 10.0}',
-    "gyro_bias": '{"kind": "gyro_bias", "deviation": 1.0}',
 }
 
 

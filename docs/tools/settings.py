@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from docs.tools.declarations import meanings
 from experiments.pages import POLICIES, fill
 from quadpend_gym.core.files import read_mapping
+from quadpend_train.common.declarations import meanings
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.training import settings as module
 from quadpend_train.training.settings import PRESETS, ApgSettings, HybridSettings, TrainSettings
@@ -31,14 +31,13 @@ def settings_table(kind: type) -> str:
 
 def presets_table() -> str:
     """Return the table of the presets, with the durations that the cards of their trained policies state."""
-    lines = ["| preset | algorithm | timesteps | duration | description |", "|---|---|---|---|---|"]
+    lines = ["| preset | timesteps | duration | description |", "|---|---|---|---|"]
     for path in sorted(PRESETS.glob("*.toml")):
         data = read_mapping(path)
         comments = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
         description = " ".join(line.removeprefix("# ") for line in comments)
         steps = data.get("total_timesteps", module.TrainSettings().total_timesteps)
-        algorithm = data.get("algo", "ppo").upper()
-        lines.append(f"| `{path.stem}` | {algorithm} | {steps:,} | {_duration(path.stem)} | {description} |")
+        lines.append(f"| `{path.stem}` | {steps:,} | {_duration(path.stem)} | {description} |")
     return "\n".join(lines)
 
 

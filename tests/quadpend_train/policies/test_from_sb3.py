@@ -318,8 +318,8 @@ def test_the_network_of_a_hybrid_does_not_fly_alone(tmp_path: Path) -> None:
         ("empty.zip", b"", "is not a model saved by Stable-Baselines3"),
         ("ppo.cleanrl_model", b"PK", "is neither a policy file .* weights of torch, as of CleanRL"),
         ("policy.pth", b"PK", "is neither a policy file"),
-        ("user/ppo-QuadPendulum-v0", None, "no policy .*: give a file or a folder on this machine"),
-        ("missing.zip", None, "no policy 'missing.zip': give a file"),
+        ("user/ppo-QuadPendulum-v0", None, "no policy .*: this file or folder is not on this machine"),
+        ("missing.zip", None, "no policy 'missing.zip': this file"),
         (".", None, "folder '.' has neither policy.npz nor a model"),
     ],
 )

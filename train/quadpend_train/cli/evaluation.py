@@ -8,6 +8,8 @@ import tyro
 from quadpend_train.cli.options import Episodes, Jobs, Latency, Seed, named_scenarios
 from quadpend_train.evaluation.episodes import TEST_SEED
 
+MORE = "rmse of survivors", "largest tilt", "effort", "action rate"  # columns that the files have and the terminal not
+
 
 def evaluate(
     policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "adrc-matched"),
@@ -65,11 +67,12 @@ def evaluate(
     comparison = made.comparison
     console = Console(width=None if sys.stdout.isatty() else 150, emoji=False, markup=False, highlight=False)
     title = f"{episodes} episodes each, seeds from {seed}, 95 % intervals"
-    console.print(tables.terminal_table(title, tables.with_margins(tables.metric_rows(comparison), comparison)))
+    rows = tables.with_margins(tables.metric_rows(comparison), comparison)
+    console.print(tables.terminal_table(title, tables.without(rows, MORE)))
     if note := tables.episodes_note(comparison):
         console.print(note)
     for sentence in tables.sentences(comparison):
         console.print(f"• {sentence}")
     if len(comparison.policies) > 1:
         console.print(tables.terminal_table(tables.ranking_note(comparison), tables.ranking_rows(comparison)))
-    console.print(f"Written: {out}/{', '.join(report.FILES)}")
+    console.print(f"Written: {out}/{', '.join(report.FILES)}; all metrics are in comparison.md")

@@ -152,6 +152,11 @@ def _run(arguments: list[str]) -> None:
         )
     if sys.stderr.isatty() and "--help" not in options:
         print("Loading …", file=sys.stderr, flush=True)
+    if name == "train" and {"--help", "-h"} & {*options}:
+        from quadpend_train.cli.training_help import help_text
+
+        print(help_text(options))
+        return
     import tyro
 
     from quadpend_train.cli.options import checked

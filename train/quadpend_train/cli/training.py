@@ -44,7 +44,7 @@ def default_settings(options: Sequence[str]) -> dict[str, Any]:
 def _values_of(options: Sequence[str], name: str) -> list[str]:
     """Return the values of an option, as ``--name VALUE`` or ``--name=VALUE``."""
     found: list[str] = []
-    for option, after in zip(options, [*options[1:], ""], strict=True):
+    for option, after in zip(options, [*options, ""][1:], strict=True):
         given, sign, value = option.partition("=")
         if given.startswith("--") and given[2:].replace("_", "-") == name:
             found.append(value if sign else after)
@@ -90,11 +90,11 @@ def train(
 
     Args:
         run: Settings that replace those of the file.
-        settings: Settings file: the name of a preset in train/quadpend_train/training/presets, the path of a TOML or
-            JSON file, or a policy file (.npz), whose card contains the settings of its training. Without it, --algo
-            selects the preset ppo, sac or apg, and --start-from the settings of its policy.
-        set: A keyword argument of the algorithm's class in Stable-Baselines3 or sb3-contrib, as ppo.learning_rate=1e-3
-            or sac.policy_kwargs.net_arch=[64,64]. It may be repeated.
+        settings: A preset, a TOML or JSON file, or a policy file (.npz), whose card contains the settings of its
+            training. Without it, --algo selects the preset ppo, sac or apg, and --start-from the settings of its
+            policy.
+        set: A keyword argument of the algorithm's class, as ppo.learning_rate=1e-3 or
+            sac.policy_kwargs.net_arch=[64,64]. It may be repeated.
         out: Folder of the run.
         resume: Folder of an interrupted run to continue with its own settings; only --max-seconds may be changed.
             Loading its checkpoint executes code that it contains: resume only runs that you trust.

@@ -82,7 +82,9 @@ def load_policy(name: str) -> Policy:
 def model_file(name: str) -> Path:
     """Return the model (.zip) that a policy file can be made of, see `load_policy`."""
     if is_c(name) or name in CONTROLLERS or gains_file(name) or is_factory(name):
-        raise ValueError(f"{name} is no model of Stable-Baselines3 (.zip), of which a policy file can be made")
+        raise ValueError(
+            f"{name} is no model of Stable-Baselines3 (.zip), of which a policy file can be made; --to c writes C"
+        )
     path = policy_file(name)
     if path.suffix == ".npz":
         raise ValueError(f"{path} is a policy file already: --to c converts it")
@@ -115,7 +117,7 @@ def policy_file(name: str) -> Path:
             " or a policy file"
         )
     if not path.is_file() and ("/" in name or Path(name).suffix):
-        raise ValueError(f"there is no policy {name!r}: give a file or a folder on this machine; first download others")
+        raise ValueError(f"there is no policy {name!r}: this file or folder is not on this machine")
     if not path.is_file():
         known = [*CONTROLLERS, *shipped_policies()]
         raise ValueError(

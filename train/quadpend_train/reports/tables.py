@@ -47,6 +47,12 @@ def with_margins(rows: Rows, comparison: Comparison) -> Rows:
     return [[*row, *more] for row, more in zip(rows, [headings, *texts], strict=True)]
 
 
+def without(rows: Rows, columns: Sequence[str]) -> Rows:
+    """Return rows without the columns whose headings begin with one of the names."""
+    kept = [i for i, heading in enumerate(rows[0]) if not heading.startswith(tuple(columns))]
+    return [[row[i] for i in kept] for row in rows]
+
+
 def ranking_rows(comparison: Comparison) -> Rows:
     """Return the ranking; the policies without a rank follow, see `quadpend_train.evaluation.ranking`."""
     reference = (

@@ -45,27 +45,24 @@ class HybridSettings:
     base_controller: str = ""
     """Name of the base controller; empty for a policy without a base controller."""
     mode: Literal["estimate_only", "memory_only", "lab_only", "residual_action"] = "estimate_only"
-    """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. memory_only: it
-    acts alone, on a memory of the measured errors; the base controller is its teacher. lab_only: the same for the
-    observation lab. residual_action: it is added to the base controller's action."""
+    """Use of the policy's action. estimate_only: alone, on the base controller's estimates; memory_only, lab_only:
+    alone, on a memory of the measured errors or of the observation lab; residual_action: added to the base
+    controller's."""
     situation: bool = False
-    """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
-    estimate_only."""
+    """Also observe noise and wind of the last second, with estimate_only."""
     deviations: bool = False
-    """Whether the policy observes, instead of the estimates, their deviations from the trajectory that follows the
-    reference, with estimate_only and the base controller lqg."""
+    """Observe deviations of the estimates from the trajectory that follows the reference, with estimate_only and
+    lqg."""
     innovations: bool = False
-    """Whether the policy also observes the innovations of the base controller's observer, filtered: a memory; with
-    estimate_only."""
+    """Also observe filtered innovations of the observer, a memory, with estimate_only."""
     action_scale: Annotated[float, Range(1e-6, 3.0)] = 1.0
     """Factor κ on the policy's action, with residual_action."""
     baseline_relative_reward: bool = False
     """Subtract the reward that the base controller alone earns in a copy of the same episode."""
     failure_penalty: Annotated[float, Range(0.0, 1e6)] = 0.0
-    """Penalty for a fall (early termination) with a baseline-relative reward, in rewards of steps of 0.01 s. It is
-    multiplied by 0.01 s / control period, so that it has the same weight at any control period."""
+    """Penalty for a fall with a baseline-relative reward, in rewards of steps of 0.01 s."""
     imitation_timesteps: Annotated[int, Range(0, 1e12)] = 0
-    """Timesteps before training in which the policy imitates the base controller (DAgger)."""
+    """Timesteps of imitation of the base controller (DAgger) before training."""
     imitation_rounds: Annotated[int, Range(1, 1000)] = 10
     """Rounds of the imitation, each a flight and a fit."""
 
@@ -107,11 +104,11 @@ class ApgSettings:
     window: Annotated[int, Range(1, 10_000)] = 100
     """Control steps through which gradients are propagated; one gradient step per window."""
     restart: Annotated[float, Range(0.0, 1.0)] = 0.5
-    """Share of the sub-environments of each scenario that begin a new episode with each window."""
+    """Share of the sub-environments that begin a new episode with each window."""
     rmse: Annotated[float, Range(0.0, 1e6, "1/m")] = 6.0
-    """Weight w_R of the root mean square of the tracking error, mean over the scenarios, 1/m."""
+    """Weight w_R of the RMSE, 1/m."""
     log_rmse: Annotated[float, Range(0.0, 1e6)] = 0.0
-    """Weight w_L of the logarithm of the root mean square of a sub-environment's tracking error, mean over all."""
+    """Weight w_L of the logarithm of a row's error."""
     error: Annotated[float, Range(0.0, 1e6, "1/m")] = 0.1
     """Weight w₁ of the tracking error, 1/m."""
     yaw: Annotated[float, Range(0.0, 1e6, "1/rad²")] = 0.1
@@ -121,11 +118,11 @@ class ApgSettings:
     rate: Annotated[float, Range(0.0, 1e6, "s²/rad²")] = 1e-4
     """Weight w_ω of the squared Euler-angle rates, s²/rad²."""
     lean: Annotated[float, Range(0.0, 1e6)] = 100.0
-    """Weight w_l of the cost of margins m below 0.6, that is of coming near the limits of an episode."""
+    """Weight w_l of coming near the limits of an episode."""
     max_grad_norm: Annotated[float, Range(1e-9, 1e9)] = 1.0
-    """Norm above which the gradient of a gradient step is scaled down."""
+    """Largest norm of the gradient of a step."""
     max_state_gradient: Annotated[float, Range(1e-9, 1e12)] = 3000.0
-    """Largest norm of the gradient of the summed cost of a row with respect to its state at one step."""
+    """Largest norm of the gradient of a row's cost with respect to its state at one step."""
 
 
 def training_scenarios(given: Any) -> tuple[Scenario, ...]:
@@ -177,47 +174,44 @@ class TrainSettings:
     """
 
     algo: str = "ppo"
-    """Algorithm: apg (analytic policy gradients, in this package), or one of Stable-Baselines3 and sb3-contrib for
-    continuous actions, such as ppo, sac, tqc, td3, a2c or trpo."""
+    """Algorithm: apg (analytic policy gradients), or ppo, sac, tqc, td3, a2c, trpo and others of Stable-Baselines3 and
+    sb3-contrib."""
     scenarios: Annotated[Any, Parsed(training_scenarios, lambda: Any), _SCENARIOS] = field(
         default_factory=lambda: training_scenarios("windy")
     )
-    """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
+    """Scenarios to train in, with equal numbers of rows: names, sets, TOML or JSON files, or JSON."""
     total_timesteps: Annotated[int, Range(1, 1e12)] = 7_000_000
     """Timesteps of the whole training."""
     start_from: str = ""
-    """Learned policy whose network training starts from: the name of a policy of this package, a run folder, or a file
-    (.npz or .zip). Its network, hybrid and interface must be those of the settings, except that one of the true state
-    also starts one of estimates, whose further inputs begin without weight. The critic starts untrained."""
+    """Learned policy whose network training starts from: a name, a run folder, or a file (.npz or .zip). Network,
+    hybrid and interface must be those of the settings; a network of the true state also starts one of estimates,
+    whose further inputs begin without weight."""
     max_seconds: Annotated[float, Range(0.0, 1e9, "s")] = 0.0
-    """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit. An imitation
-    ends first, and the last evaluation and the score come after it."""
+    """Wall-clock seconds after which imitation and training stop, counted anew when resumed; 0: no limit."""
     seed: Annotated[int, Range(0, 2**31 - 1)] = 0
     """Seed of the networks and the episodes."""
     num_envs: Annotated[int, Range(1, 100_000)] = 256
-    """Number of sub-environments of the vector environment."""
+    """Number of sub-environments (rows)."""
     max_episode_steps: Annotated[int, Range(0, 10_000_000)] = 0
-    """Control steps after which a training episode is truncated; 0 for the duration of the scenario."""
+    """Control steps after which an episode is truncated; 0: the duration of the scenario."""
     hybrid: HybridSettings = field(default_factory=HybridSettings)
     """Settings of a hybrid."""
     reward: RewardWeights = field(default_factory=RewardWeights)
-    """Reward weights in training. Weights other than the default replace those of the scenarios' tasks."""
+    """Weights of the reward in place of those of the scenarios' tasks."""
     reward_scale: Annotated[float, Range(1e-9, 1e9)] = 0.01
-    """Factor on the rewards that the algorithm receives, for discounted returns of order one."""
+    """Factor on the rewards, for discounted returns of order one."""
     input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()
-    """Scales s₁, s₂, … of the inputs x of actor and critic, which also receive tanh(s₁ x), tanh(s₂ x), …: large scales
-    resolve small errors. Empty for x alone."""
+    """Scales s₁, s₂, … of further inputs tanh(s₁ x), tanh(s₂ x), … beside x: large scales resolve small errors."""
     critic_warmup_steps: Annotated[int, Range(0, 1e12)] = 0
-    """Timesteps at the beginning in which an on-policy algorithm trains only the critic, for policies that perform well
-    from the start."""
+    """First timesteps in which an on-policy algorithm trains the critic alone, for policies that start well."""
     save_freq: Annotated[int, Range(1, 1e12)] = 1_000_000
     """Timesteps between two checkpoints."""
     eval_freq: Annotated[int, Range(0, 1e12)] = 0
-    """Timesteps between two evaluations in the training scenarios; 0 for no evaluations."""
+    """Timesteps between two evaluations in the training scenarios; 0: none."""
     n_eval_episodes: Annotated[int, Range(1, 100_000)] = 32
     """Episodes of each scenario in an evaluation."""
     num_threads: Annotated[int, Range(1, 1024)] = 1
-    """Threads of PyTorch. Two are faster on two idle cores, and many times slower on busy cores."""
+    """Threads of PyTorch; several are slow on busy cores."""
     apg: ApgSettings = field(default_factory=ApgSettings)
     """Settings of APG only."""
     arguments: Annotated[dict[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
