@@ -194,7 +194,12 @@ def coverage_table() -> str:
         random = own if name == RARE else shared
         found = [[estimate(draw(random, n)) for _ in range(TRIALS)] for n in SIZES]
         rows.append([name, *(f"{100.0 * np.mean([x.low <= truth <= x.high for x in row]):.1f}" for row in found)])
-    return markdown_table(["interval", *(f"{n} episodes" for n in SIZES)], rows)
+    return _without_smallest("interval", rows)
+
+
+def _without_smallest(heading: str, rows: list[list[str]]) -> str:
+    """Return a Markdown table without the column of the smallest of `SIZES`, which only keeps the random numbers."""
+    return markdown_table([heading, *(f"{n} episodes" for n in SIZES[1:])], [[row[0], *row[2:]] for row in rows])
 
 
 def _loss(survived: Any) -> Any:
@@ -220,7 +225,7 @@ def error_table() -> str:
     for name, p in cases.items():
         number = FAMILY_TRIALS if name.startswith("any") else TRIALS
         rows.append([name, *(f"{100.0 * np.mean([p(n) < 0.05 for _ in range(number)]):.1f}" for n in SIZES)])
-    return markdown_table(["hypothesis", *(f"{n} episodes" for n in SIZES)], rows)
+    return _without_smallest("hypothesis", rows)
 
 
 def _family(random: np.random.Generator, episodes: int) -> float:

