@@ -126,6 +126,7 @@ NEVER = -1e6  # when an action acts that is older than all under way
 HIDDEN = 128  # width of the two hidden layers
 STEPS, BATCHES = 16, 8  # of a window of imitation
 PARTS = 10  # of imitation and of gradients, after which an interrupted training goes on
+SMALL = 0.1  # output of a network whose relative error counts half
 WINDOW = 100  # control steps of a window of gradients
 RESTARTED = 0.125  # share of the rows that begin an episode with each window of gradients
 RATES = (3e-3, 1e-5), (4e-4, 1e-5)  # learning rates of the imitation and of the gradients, from and to
@@ -506,8 +507,9 @@ class Trainer:
             x, y = torch.cat(inputs, 1), torch.cat(labels, 1)
             order = torch.rand(x.shape[1], device=flight.device).argsort()
         for part in order[: len(order) // BATCHES * BATCHES].view(BATCHES, -1):
-            error = self.networks(x[:, part]) - y[:, part]
-            self.descend(torch.sqrt((error**2).sum(2) + 1e-6).mean(1))
+            wanted = y[:, part]
+            error, size = (torch.sqrt((item**2).sum(2) + 1e-7) for item in (self.networks(x[:, part]) - wanted, wanted))
+            self.descend((error / (SMALL + size)).mean(1))  # small corrections count most
 
     def improve(self) -> None:
         """Fly a window, and follow the gradient of its cost."""

@@ -1,22 +1,24 @@
 """A Kalman filter of constant gain for the deviations from the reference's trajectory, as a memory of a network.
 
 z are the deviations of the state of `modelling.linear_model` (with the thrusts f of the rotors) from the trajectory,
-and the wind d, in the axes of the heading at the last sample; y are those of position, attitude and direction; and u
-is the action less that of the trajectory, which acts n periods later. With A, B, C and the gain L of `lqg`'s filter,
+and the wind d; y are those of position, attitude and direction; and u is the action less that of the trajectory, which
+acts N periods later. Their axes are those of the heading at the last sample, turned with the vertical to n, the
+direction of the acceleration of the reference less that of gravity: there an accelerated flight is linear as hover is.
+With A, B, C and the gain L of `lqg`'s filter,
 
-    (1)  z⁻ = R(A z + B u_{k−1−n} + T g c e_ż − j)   c: cosine of the tilt less that of the trajectory, at the last
-                                                     sample; j: how far the reference jumps; R: to the new heading
+    (1)  z⁻ = R(A z + B u_{k−1−N} + T g c e_ż − j)   c: cosine of the tilt from n less that of the trajectory, at
+                                                     the last sample; j: jump of the reference; R: to the new axes
     (2)  z = z⁻ + (L + s ΔL) i,                  i = y − C z⁻, limited; without a new sample i = 0
-    (3)  z_n = A^n z + A^{n−1} B u_{k−n} + … + B u_{k−1}, when the next action acts
+    (3)  z_N = A^N z + A^{N−1} B u_{k−N} + … + B u_{k−1}, when the next action acts
 
 s, from 0 to 1, is the squared force on the pole as a share of that from which L is that of strong wind. The filter
 knows no limit of the rotors and no other gain after a drop-out: a network that flies with it has to.
 
 | scale                                    | of                                          |
 |------------------------------------------|---------------------------------------------|
-| that of `deviations`                     | z_n, 28                                     |
+| that of `deviations`                     | z_N, 28                                     |
 | 0.005 m, 0.005                           | i, 8                                        |
-| 1                                        | −F z_n, F: the feedback of `lqg`, 4         |
+| 1                                        | −F z_N, F: the feedback of `lqg`, 4         |
 """
 
 from functools import lru_cache
@@ -30,7 +32,6 @@ from quadpend_baselines.modelling.linear_model import (
     MODEL_BOB_FORCE,
     MODEL_DISTURBANCE_SIZE,
     MODEL_STATE_SIZE,
-    MODEL_TORQUE,
     linearise_actions,
 )
 from quadpend_baselines.modelling.quantities import turn3
@@ -40,7 +41,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import select, sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.state import ACTION_SIZE
-from quadpend_gym.physics.vectors import axpy, load, store
+from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, norm, scale, store
 from quadpend_gym.tasks.observation import LAB
 
 _STEADY = 99  # row of the gains of the Kalman filter that stays
@@ -50,16 +51,17 @@ _MEASURED = (0, 1, 2, 6, 7, 8, 12, 13)  # of z
 _WIND = MODEL_STATE_SIZE + ACTION_SIZE
 _SIZE = _WIND + MODEL_DISTURBANCE_SIZE
 _RISE, _PSI, _BOB = 5, 8, _WIND + MODEL_BOB_FORCE.start
-_HORIZONTAL = (0, 3, 12, 14, _WIND, _BOB, _WIND + MODEL_TORQUE.start)  # x components of vectors of z
+_VECTORS, _SPATIAL = (0, 3, _WIND, 12, 14, _BOB), 3  # x components of vectors of z; the first have a z component
+_LEAST = 0.1  # m/s², apparent gravity
 _INNOVATION = 0.005  # scale
 _LIMIT, _LIMIT_RATE = 0.05, 3.0  # of i: m and rad, and these a second since the last sample
 _MOST = 100.0  # scales that bound z
 MEASURED_SIZE = len(_MEASURED)
 OBSERVED_SIZE = _SIZE + MEASURED_SIZE + ACTION_SIZE
 # Memory: z; place of the reference and three derivatives; its yaw and the rate; at the last sample the heading and the
-# share of lift; the time since it, and u, the oldest first
+# share of lift; the time since it; n, and u, the oldest first
 _PLACE, _YAW, _HEADING = _SIZE, _SIZE + 12, _SIZE + 14
-_LIFT, _SINCE, _UNDER_WAY = _HEADING + 1, _HEADING + 2, _HEADING + 3
+_LIFT, _SINCE, _VERTICAL, _UNDER_WAY = _HEADING + 1, _HEADING + 2, _HEADING + 3, _HEADING + 6
 
 
 class ConstantGain(NamedTuple):
@@ -69,8 +71,8 @@ class ConstantGain(NamedTuple):
     B: Floats  # (28, 4)
     gain: Floats  # L, (28, 8)
     gust: Floats  # ΔL, (28, 8)
-    ahead: Floats  # A^n, (28, 28)
-    under_way: Floats  # A^{n−1} B … B, (28, 4 n)
+    ahead: Floats  # A^N, (28, 28)
+    under_way: Floats  # A^{N−1} B … B, (28, 4 N)
     feedback: Floats  # −F, (4, 28)
     scales: Floats  # (28,)
     gust_force: float  # N
@@ -113,6 +115,27 @@ def constant_gain(simulation: Simulation) -> ConstantGain:
 
 
 @inlined
+def apparent_vertical(acceleration: Vec3, sine: float, cosine: float, gravity: float) -> Vec3:
+    """Return n in the axes of a heading, for an acceleration of the reference in the world (m/s²)."""
+    a = turn3(acceleration, -sine, cosine)
+    a = Vec3(a.x, a.y, a.z + gravity)
+    return scale(1.0 / max(norm(a), _LEAST), a)
+
+
+@inlined
+def to_trajectory(v: Vec3, n: Vec3) -> Vec3:
+    """Return a vector, from the axes of the heading, in those that are turned with the vertical to n."""
+    along = (n.x * v.x + n.y * v.y) / (1.0 + n.z)
+    return Vec3(v.x - n.x * (along + v.z), v.y - n.y * (along + v.z), dot(n, v))
+
+
+@inlined
+def _from_trajectory(v: Vec3, n: Vec3) -> Vec3:
+    along = (n.x * v.x + n.y * v.y) / (1.0 + n.z)
+    return Vec3(v.x - n.x * (along - v.z), v.y - n.y * (along - v.z), n.z * v.z - n.x * v.x - n.y * v.y)
+
+
+@inlined
 def _product(matrix: Any, i: int, x: Any, row: int, first: int) -> float:
     total = 0.0
     for j in range(matrix.shape[1]):
@@ -129,9 +152,9 @@ def observe(
 
     Args:
         numbers: The filter.
-        y: Deviations in the axes of the heading, shape (n, 8).
+        y: Deviations in these axes, shape (n, 8).
         sample: Yaw (rad); time since the last sample (s), 0 with one; 1 from the second step on; and the share of the
-            lift, the cosine of the tilt less that of the trajectory, shape (n, 4).
+            lift c, shape (n, 4).
         reference: Its place and three derivatives, its yaw and the rate of it, shape (n, 14).
         action: u, shape (n, 4).
         last: The memory.
@@ -151,7 +174,7 @@ def observe(
             now[row, _UNDER_WAY + i] = (
                 last[row, later] if i < waiting - ACTION_SIZE else action[row, i - waiting + ACTION_SIZE]
             )
-        # From the heading of the last sample to that of this one, after the jump of the reference
+        # From the axes of the last step to those of this one, after the jump of the reference
         yaw = select(taken > 0.5, sample[row, 0], last[row, _HEADING])
         now[row, _HEADING], now[row, _YAW], now[row, _YAW + 1] = yaw, reference[row, 12], reference[row, 13]
         sine, cosine = sincos(last[row, _HEADING])
@@ -160,7 +183,9 @@ def observe(
         jerk, half = load(last.T, _PLACE + 9, row), 0.5 * period * period
         p = axpy(half * period / 3.0, jerk, axpy(half, a, axpy(period, v, p)))
         v = axpy(half, jerk, axpy(period, a, v))
-        jump, change = turn3(axpy(-1.0, p, place), -sine, cosine), turn3(axpy(-1.0, v, velocity), -sine, cosine)
+        old = load(last.T, _VERTICAL, row)
+        jump = to_trajectory(turn3(axpy(-1.0, p, place), -sine, cosine), old)
+        change = to_trajectory(turn3(axpy(-1.0, v, velocity), -sine, cosine), old)
         out[row, _RISE] += period * gravity * last[row, _LIFT]
         now[row, _LIFT] = select(taken > 0.5, sample[row, 3], last[row, _LIFT])
         for i in range(3):
@@ -171,10 +196,17 @@ def observe(
         store(now.T, _PLACE + 6, row, load(reference.T, 6, row))
         store(now.T, _PLACE + 9, row, load(reference.T, 9, row))
         out[row, _PSI] -= reference[row, 12] - last[row, _YAW] - period * last[row, _YAW + 1]
+        sine, cosine = sincos(yaw)
+        n = apparent_vertical(load(reference.T, 6, row), sine, cosine, gravity)
+        store(now.T, _VERTICAL, row, n)
         sine, cosine = sincos(yaw - last[row, _HEADING])
-        for i in _HORIZONTAL:
-            x, z = out[row, i], out[row, i + 1]
-            out[row, i], out[row, i + 1] = cosine * x + sine * z, cosine * z - sine * x
+        for k in range(len(_VECTORS)):
+            i, is_spatial = _VECTORS[k], k < _SPATIAL
+            vector = Vec3(out[row, i], out[row, i + 1], out[row, i + 2] if is_spatial else 0.0)
+            vector = to_trajectory(turn3(_from_trajectory(vector, old), -sine, cosine), n)
+            out[row, i], out[row, i + 1] = vector.x, vector.y
+            if is_spatial:
+                out[row, i + 2] = vector.z
         # Correction
         limit = _LIMIT + _LIMIT_RATE * last[row, _SINCE]
         now[row, _SINCE] = sample[row, 1]

@@ -25,7 +25,7 @@ biases of any vehicle; from the filter of `constant_gain` those of the nominal o
 | time since the last sample                                                               | 1    | 0.05 s             |
 | believed length and mass of the pole                                                     | 2    | of the observation |
 | filter of constant gain, and its innovation, see `constant_gain`                         | 36   | its own            |
-| a_n = a_d − F z_n, F z_n within ±0.3: the linear feedback of `lqg`                       | 4    | 1                  |
+| a_n = a_d − F z_N, F z_N within ±0.3: the linear feedback of `lqg`                       | 4    | 1                  |
 """
 
 from typing import Any, NamedTuple
@@ -36,14 +36,21 @@ from quadpend_baselines.controllers.lqr import deviation
 from quadpend_baselines.estimation.estimate import LOOP, PLACE, STATE, law_inputs
 from quadpend_baselines.estimation.measurement import measure_in_world
 from quadpend_baselines.estimation.prediction import move_reference, store_drag
-from quadpend_baselines.hybrid.constant_gain import MEASURED_SIZE, OBSERVED_SIZE, constant_gain, observe
+from quadpend_baselines.hybrid.constant_gain import (
+    MEASURED_SIZE,
+    OBSERVED_SIZE,
+    apparent_vertical,
+    constant_gain,
+    observe,
+    to_trajectory,
+)
 from quadpend_baselines.hybrid.parts import InputPart, Seen
 from quadpend_baselines.modelling.equivalent import equivalent_model, unpack_pendulum
 from quadpend_baselines.modelling.quantities import calm, turn3
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.elementary import select, sincos
-from quadpend_gym.core.jit import compiled
+from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.attitude import body_rate
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE, ROTOR_THRUST
@@ -54,7 +61,7 @@ from quadpend_gym.tasks.observation import LAB
 
 _TIMES = np.array([0.02, 0.06, 0.2, 0.6, 2.0])  # τ, s
 _FAR, _SPEED = 0.03, 3.0  # of (1), m and m/s
-_NEAR = 0.3  # largest component of F z_n
+_NEAR = 0.3  # largest component of F z_N
 _SAME = 1e-6  # a sample that differs by less repeats the one before
 _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
 _OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0])  # scales
@@ -86,6 +93,13 @@ class Deviations(NamedTuple):
     reference: Floats  # the same now, see `constant_gain.observe`, (n, 14)
 
 
+@inlined
+def _lift(euler: Vec3, n: Vec3) -> tuple[float, float]:
+    """Return the cosine of the roll, and that of the angle between the thrust and n in the axes of the heading."""
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sincos(euler.x), sincos(euler.y)
+    return cos_roll, cos_roll * (n.x * sin_pitch + n.z * cos_pitch) - n.y * sin_roll
+
+
 @compiled
 def _deviations(
     seen: Floats, packed: Floats, packed_rigid: Floats | None, areas: tuple[float, float], latency: float,
@@ -101,16 +115,18 @@ def _deviations(
         state, _, reference = law_inputs(measured, row)
         error, _ = deviation(state, calm(), reference, pendulum, rigid)
         tracking = axpy(p.rod_length, Vec3(error.direction.x, error.direction.y, 0.0), error.position)
+        sine, cosine = sincos(state.euler.z)
+        n = apparent_vertical(reference.d2, sine, cosine, p.gravity)
+        (cos_roll, lift), (_, wanted) = _lift(state.euler, n), _lift(axpy(-1.0, error.euler, state.euler), n)
+        place, direction = to_trajectory(error.position, n), to_trajectory(error.direction, n)
+        attitude = Vec3(error.euler.x, cos_roll * error.euler.y, error.euler.z)
         for i in range(3):
             out[row, i], out[row, 5 + i] = tracking[i] / _SCALE[i], error.euler[i] / _SCALE[5 + i]
-            found.y[row, i], found.y[row, 3 + i] = error.position[i], error.euler[i]
+            found.y[row, i], found.y[row, 3 + i] = place[i], attitude[i]
         for i in range(2):
-            out[row, 3 + i], found.y[row, 6 + i] = error.direction[i] / _SCALE[3 + i], error.direction[i]
+            out[row, 3 + i], found.y[row, 6 + i] = error.direction[i] / _SCALE[3 + i], direction[i]
             out[row, _GAP + 1 + i] = seen[row, _POLE + i]
-        (_, roll), (_, pitch) = sincos(state.euler.x), sincos(state.euler.y)
-        (_, wanted_roll) = sincos(state.euler.x - error.euler.x)
-        (_, wanted_pitch) = sincos(state.euler.y - error.euler.y)
-        found.sample[row, 0], found.sample[row, 3] = state.euler.z, roll * pitch - wanted_roll * wanted_pitch
+        found.sample[row, 0], found.sample[row, 3] = state.euler.z, lift - wanted
         for i in range(12):
             found.reference[row, i] = measured[row, PLACE + i]
         found.reference[row, 12], found.reference[row, 13] = reference.yaw.x, reference.yaw.y
@@ -119,13 +135,13 @@ def _deviations(
             store_drag(measured.T, row, 1.0, areas, rigid.rotor_drag)
         measured[row, STATE + EULER + 2] += latency * reference.yaw.y
         state, _, reference = law_inputs(measured, row)
-        error, wanted = deviation(state, calm(), reference, pendulum, rigid)
-        store_four(found.command.T, 0, row, wanted)
+        error, command = deviation(state, calm(), reference, pendulum, rigid)
+        store_four(found.command.T, 0, row, command)
         if rigid is not None:
             euler = Vec3(state.euler.x - error.euler.x, state.euler.y - error.euler.y, state.euler.z)
             rate = body_rate(euler, axpy(-1.0, error.euler_rate, state.euler_rate))
             store(found.desired.T, BODY_RATE, row, rate)
-            store_four(found.desired.T, ROTOR_THRUST, row, multiply(rigid.rotors.unmixing, wanted))
+            store_four(found.desired.T, ROTOR_THRUST, row, multiply(rigid.rotors.unmixing, command))
         sine, cosine = sincos(state.euler.z)
         acceleration, velocity = turn3(reference.d2, -sine, cosine), turn3(reference.d1, -sine, cosine)
         for i in range(3):

@@ -44,10 +44,11 @@ def flown(name: str, steps: int, jump: int | None = None) -> tuple[Any, Any, Any
 
 
 def test_it_is_the_observer_of_lqg_near_hover_and_on_a_reference() -> None:
-    for name, share in (("flight_breeze", 0.1), ("flight_training_wide", 0.4)):
+    """Not compared is the rate of the yaw, which hardly moves, and on a reference the vertical, whose axis is turned."""
+    for name, share, left_out in (("flight_breeze", 0.1, [11]), ("flight_training_wide", 0.2, [2, 5, 11])):
         expected, states, _ = (item[100:, :, POSITIONS] for item in flown(name, 400))
         error = np.sqrt(((states - expected) ** 2).mean((0, 1)) / (expected**2).mean((0, 1)))
-        assert (np.delete(error, 11) < share).all(), error  # all but the rate of the yaw, which hardly moves
+        assert (np.delete(error, left_out) < share).all(), error
 
 
 def test_a_jump_of_the_reference_is_no_motion() -> None:
