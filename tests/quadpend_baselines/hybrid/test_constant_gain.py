@@ -44,7 +44,7 @@ def flown(name: str, steps: int, jump: int | None = None) -> tuple[Any, Any, Any
 
 
 def test_it_is_the_observer_of_lqg_near_hover_and_on_a_reference() -> None:
-    """Not compared is the rate of the yaw, which hardly moves, and on a reference the vertical, whose axis is turned."""
+    """Not compared: the rate of the yaw, which hardly moves, and on a reference the vertical, whose axis is turned."""
     for name, share, left_out in (("flight_breeze", 0.1, [11]), ("flight_training_wide", 0.2, [2, 5, 11])):
         expected, states, _ = (item[100:, :, POSITIONS] for item in flown(name, 400))
         error = np.sqrt(((states - expected) ** 2).mean((0, 1)) / (expected**2).mean((0, 1)))
