@@ -7,7 +7,8 @@ NanoDrone, github.com/idsia-robotics/nanodrone-sysid-benchmark: Crazyflie 2.1 Br
 Its test predicts position, velocity, attitude and body rate 1 to 50 steps of 10 ms ahead, from every sample of the
 melon flights, and takes the mean of the errors' norms; models train on square, random and chirp flights
 (dataset/dataset.py and utils/metrics_utils.py of its branch main). Its tables are low-passed forward and backward
-(processing/csv_to_processed of its branch dev). Copies without LFS have raw tables alone: `processed` repeats this.
+(processing/csv_to_processed of its branch dev). Copies without LFS have raw tables alone: `processed` repeats this. Its
+chirp is the raw multisine, and its random is random2: the means of the motors in scalers/lstm_random are those of it.
 
 NanoBench, github.com/syediu/nanobench-iros2026: Crazyflie 2.1, commands of the motors and voltage of the battery.
 """
@@ -31,6 +32,7 @@ from quadpend_train.flight_logs.readers import read_log
 from quadpend_train.flight_logs.replay import Thrust, Windows, compare, errors, fly, held
 
 TABLES = Path(__file__).with_name("columns")
+KINDS = ("multisine", "random2", "square")
 STEPS = (1, 10, 50)
 AT = 0.25  # s, of the comparison of NanoBench
 FITTED = ("B2_circle_fast_rep2", "B8_star_fast_rep2")
@@ -72,20 +74,20 @@ def multistep(log: FlightLog, motion: Any, windows: Windows) -> Floats:
     return np.asarray(np.linalg.norm(found.reshape(*found.shape[:2], 4, 3), axis=-1))
 
 
-def nanodrone(data: Path, start: Vehicle, every: int = 1) -> pd.DataFrame:
+def nanodrone(data: Path, start: Vehicle) -> pd.DataFrame:
     """Return the table of the multi-step test: rows are models, columns channels and steps.
 
     Args:
         data: Folder of the raw flights.
         start: Vehicle with which the fit begins.
-        every: Take each so many-th flight for the training.
     """
     columns = Columns(**read_toml(TABLES / "nanodrone.toml"))
-    paths = sorted(data.glob("*.parquet"))
-    training = [path for path in paths if path.stem.split("_")[0] in ("multisine", "random1", "random2", "square")]
-    found = identify([processed(path, columns) for path in training[::every]], start, training=1.0)
+    training = [data / f"{kind}_20251017_run{run}.parquet" for kind in KINDS for run in (1, 2, 3)]
+    found = identify([processed(path, columns) for path in training], start, training=1.0)
     print(found.table())
-    tests = [processed(path, columns) for path in paths if path.stem.startswith("melon") and "run2" not in path.stem]
+    tests = [
+        processed(data / f"melon_20251017_run{run}.parquet", columns) for run in (1, 4, 5)
+    ]  # the second one is broken
     models: dict[str, list[Floats]] = {"constant, here": [], f"{start.name}, here": [], "identified, here": []}
     for log in tests:
         windows = Windows(log, np.arange(len(log) - STEPS[-1]), STEPS[-1])
@@ -123,10 +125,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", choices=("nanodrone", "nanobench"))
     parser.add_argument("data", type=Path, help="folder of the flights")
-    parser.add_argument("--every", type=int, default=1, help="train on each so many-th flight of NanoDrone")
     given = parser.parse_args()
     if given.set == "nanodrone":
-        table = nanodrone(given.data, as_vehicle("crazyflie-brushless"), given.every)
+        table = nanodrone(given.data, as_vehicle("crazyflie-brushless"))
         print(table.to_string(float_format="{:.4f}".format))
     else:
         vehicle, table = nanobench(given.data, as_vehicle("crazyflie"))

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from experiments.identification import LISTED, random_pole, random_vehicle
 from experiments.simulated_logs import Noise, simulated_log
-from quadpend_gym.scenarios import find_scenarios
+from quadpend_gym.scenarios import SCENARIOS, find_scenarios
 from quadpend_gym.vehicles import Vehicle
 from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.cli.main import main
@@ -241,7 +241,9 @@ def test_training_takes_the_vehicle_and_its_ranges(found: Found, tmp_path: Path)
     assert len(scenarios) == 2  # divides the usual numbers of environments
     for scenario in scenarios.values():
         assert scenario.vehicle == again
-        assert scenario.period == 0.04
+        assert scenario.latency == SCENARIOS["flight_breeze"].latency
+        assert scenario.observation == SCENARIOS["flight_breeze"].observation
+        assert scenario.sensors == SCENARIOS["flight_breeze"].sensors
         assert scenario.parameters is not None
         assert scenario.loop is not None
         assert scenario.loop.rotor_lag is not None

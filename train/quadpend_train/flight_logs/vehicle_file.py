@@ -1,14 +1,18 @@
 """The files of an identification: the vehicle with the source and interval of each number, and scenarios for training.
 
-The two scenarios have calm air and a fluctuating force, act at 25 Hz, and draw inertia, thrust and rotor lag for each
-episode: from the intervals of what the logs show, within ± 30 % of what they do not show.
+The two scenarios have calm air and a fluctuating force, and the loop of the flight benchmark: its latency, noise and
+observation. They draw inertia, thrust and rotor lag for each episode: from the intervals of what the logs show; of what
+they do not show, from 30 % below to 30 % above the values of the fit and of the start.
 """
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from quadpend_gym import scenarios
+from quadpend_gym.core.files import read_toml
 from quadpend_gym.vehicles import Vehicle, rotors_of
 from quadpend_train.common.files import write_text
 from quadpend_train.flight_logs.identify import COMMANDS, POLE, QUANTITIES, Estimate, Found
@@ -17,6 +21,8 @@ from quadpend_train.flight_logs.log import NOMINAL
 _UNKNOWN = 0.3  # half width of the range of what the logs do not show, as a share
 _LEAST = 0.02  # half width of every range: models are not exact
 _WIND = 0.045  # fluctuating force on each axis as a share of the weight, as in `hummingbird_windy`
+_FLIGHT = read_toml(Path(scenarios.__file__).with_name("flight.toml"))["defaults"]
+_LOOP = ("interface", "substeps", "latency", "observation", "actuators", "sensors")  # of the flight benchmark
 SETTINGS = "ppo-flight"  # preset for a first training in the scenarios
 
 
@@ -24,7 +30,7 @@ def write_vehicle(found: Found, start: Vehicle, path: Path) -> Path:
     """Write the vehicle file, and beside it the scenarios for training; return the path of the latter."""
     write_text(path, vehicle_text(found, start))
     training = path.with_name(f"{path.stem}-training.toml")
-    write_text(training, training_text(found, path))
+    write_text(training, training_text(found, start, path))
     return training
 
 
@@ -83,48 +89,52 @@ def vehicle_text(found: Found, start: Vehicle) -> str:
     return "\n".join(lines) + "\n"
 
 
-def training_text(found: Found, path: Path) -> str:
+def training_text(found: Found, start: Vehicle, path: Path) -> str:
     """Return the scenarios for training with the vehicle file at `path`."""
-    estimates, roll_pitch_yaw = found.estimates, np.diag(found.vehicle.inertia_matrix).tolist()
-    shares = {name: _share(estimates[name]) for name in ("inertia_roll", "inertia_pitch", "thrust_coefficient", "lag")}
-    shares["inertia_yaw"] = max(shares["inertia_roll"], shares["inertia_pitch"], _share(estimates["torque_per_thrust"]))
+    estimates, flown, guess = found.estimates, rotors_of(found.vehicle), rotors_of(start)
+    moments = [np.diag(each.inertia_matrix).tolist() for each in (found.vehicle, start)]
     names = ("inertia_roll", "inertia_pitch", "inertia_yaw")
-    ranges = [f"{name} = {_around(value, shares[name])}" for name, value in zip(names, roll_pitch_yaw, strict=True)]
+    shown = estimates | {"inertia_yaw": min((estimates[name] for name in names[:2]), key=lambda each: each.identified)}
+    ranges = [f"{name} = {_range(shown[name], *values)}" for name, *values in zip(names, *moments, strict=True)]
     if "pole_length" in estimates:
-        ranges.append(f"rod_length = {_around(found.vehicle.pole.length, _share(estimates['pole_length']))}  # m")
-    loop = found.vehicle.rate_loop.time_constant / max(rotors_of(found.vehicle).lag_up, 1e-9)
-    lag = min(1.0 + shares["lag"], 2.0 * loop)  # the rate loop must not be faster than half the lag
+        length = _range(estimates["pole_length"], found.vehicle.pole.length, start.pole.length)
+        ranges.append(f"rod_length = {length}  # m")
+    thrust = _range(estimates["thrust_coefficient"], 1.0, 1.0)
+    shortest, longest = _range(estimates["lag"], 1.0, max(0.5 * sum(guess.lags) / max(flown.lag_up, 1e-9), 1e-9))
+    loop = found.vehicle.rate_loop.time_constant / max(flown.lag_up, 1e-9)
+    lag = [shortest, min(longest, 2.0 * loop)]  # the rate loop must not be faster than half the lag
     force = f'{{kind = "ornstein_uhlenbeck", force = {_WIND * found.vehicle.weight:.3g}}}  # N'
     winds = {"calm": '"calm"', "windy": force}
-    scenarios = [f"[scenarios.{path.stem}_{name}]\nwind = {wind}\n" for name, wind in winds.items()]
+    tables = [f"[scenarios.{path.stem}_{name}]\nwind = {wind}\n" for name, wind in winds.items()]
     return "\n".join(
         [
             f"# Training on {path.name} and its uncertainty:",
             f"# quadpend train --settings {SETTINGS} --scenarios {path.stem}-training.toml --out runs/{path.stem}",
             "[defaults]",
             f'vehicle = "{path.as_posix()}"',
-            'interface = "body_rates"',
-            "period = 0.04  # s; learning needs fewer steps than at 100 Hz",
-            "substeps = 8",
+            *(f"{name} = {_inline(_FLIGHT[name])}" for name in _LOOP),
             "[defaults.parameters]  # kg·m²",
             *ranges,
             "[defaults.loop]  # factors",
-            f"thrust = {_around(1.0, shares['thrust_coefficient'])}",
-            f"rotor_lag = [{1.0 - shares['lag']:.4g}, {lag:.4g}]",
+            f"thrust = {thrust}",
+            f"rotor_lag = {_plain(lag)}",
             "",
-            *scenarios,
+            *tables,
         ]
     )
 
 
-def _share(estimate: Estimate) -> float:
-    """Return half the width of a range as a share of the value."""
+def _range(estimate: Estimate, value: float, start: float) -> list[float]:
+    """Return the range of a value of the fit: around it if it is identified, else around it and that of the start."""
     low, high = estimate.interval
-    return min(_UNKNOWN, max(_LEAST, 0.5 * (high - low) / estimate.value)) if estimate.identified else _UNKNOWN
+    if estimate.identified:
+        share = min(_UNKNOWN, max(_LEAST, 0.5 * (high - low) / estimate.value))
+        return [_rounded((1.0 - share) * value), _rounded((1.0 + share) * value)]
+    return [_rounded((1.0 - _UNKNOWN) * min(value, start)), _rounded((1.0 + _UNKNOWN) * max(value, start))]
 
 
-def _around(value: float, share: float) -> str:
-    return f"[{(1.0 - share) * value:.4g}, {(1.0 + share) * value:.4g}]"
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
 
 
 def _interval(estimate: Estimate) -> str:
@@ -138,3 +148,10 @@ def _plain(value: Any) -> str:
     if isinstance(value, str):
         return value
     return f"[{', '.join(map(_plain, value))}]" if isinstance(value, list | tuple) else f"{value:.5g}"
+
+
+def _inline(value: Any) -> str:
+    """Return data of a TOML file in one line."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name} = {_inline(each)}' for name, each in value.items())}}}"
+    return json.dumps(value)
