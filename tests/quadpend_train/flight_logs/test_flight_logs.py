@@ -14,7 +14,7 @@ from quadpend_gym.scenarios import SCENARIOS, find_scenarios
 from quadpend_gym.vehicles import Vehicle
 from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.cli.main import main
-from quadpend_train.flight_logs.identify import Found, check_log, identify, possible
+from quadpend_train.flight_logs.identify import Found, check_log, doubts_of, identify, possible
 from quadpend_train.flight_logs.log import Columns, FlightLog, make_log, pole_motion
 from quadpend_train.flight_logs.readers import PX4, read_log
 from quadpend_train.flight_logs.replay import Thrust, compare, errors, fly, windows_of, without_pole
@@ -189,6 +189,13 @@ def test_every_body_that_a_fit_tries_exists() -> None:
     for roll, pitch in np.random.default_rng(0).uniform(0.01, 10.0, (100, 2)):
         least, middle, largest = sorted(possible(roll, pitch, 0.7 * (roll + pitch)))
         assert 0.0 < largest < least + middle
+
+
+def test_what_is_far_from_the_start_is_doubted(found: Found) -> None:
+    start = random_vehicle(SEED)[1]
+    assert not doubts_of(found, start)
+    heavy = replace(start, inertia=tuple(10.0 * np.diag(start.inertia_matrix)))
+    assert "inertia_roll is 0.08 times that of" in doubts_of(found, heavy)[0]
 
 
 def test_thrusts_that_were_not_flown_stay(log: FlightLog) -> None:

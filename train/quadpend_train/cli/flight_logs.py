@@ -57,6 +57,7 @@ def identify(
     """
     from quadpend_gym.vehicles import Simulation, doubts, rotors_of
     from quadpend_gym.vehicles.vehicle import as_vehicle
+    from quadpend_train.flight_logs.identify import doubts_of
     from quadpend_train.flight_logs.identify import identify as identify_from
     from quadpend_train.flight_logs.log import DEFAULT
     from quadpend_train.flight_logs.loop import loop_of
@@ -79,7 +80,13 @@ def identify(
         print(table(compare(log, both, delay=found.delay, thrusts={"identified": found.thrust})))
     print()
     gaps = [sentence for log in (*fitted, *tests) for sentence in log.gaps()]
-    for sentence in [*gaps, *found.sentences(), *doubts(Simulation(vehicle=found.vehicle, interface="body_rates"))]:
+    far = doubts_of(found, start)
+    for sentence in [
+        *gaps,
+        *found.sentences(),
+        *far,
+        *doubts(Simulation(vehicle=found.vehicle, interface="body_rates")),
+    ]:
         print(f"Note: {sentence}.")
     training = write_vehicle(found, start, out)
     print(f"Written: {out} and {training}")

@@ -64,6 +64,7 @@ _EARLY = 0.3  # of the root mean square over a window: least scale of errors, si
 _THINNEST = 0.02  # of the sum: least second moment of mass along an axis
 _IGNORED = 1e9  # scale of errors that do not count
 _GENTLE = 0.4  # share of the angular accelerations that motors explain, below which neither order nor inertia shows
+_FAR = 3.0  # times a quantity of the start vehicle: doubtful
 _SLOW = 0.1  # s: half width of the means of body rates that are compared with those of the attitude
 _STILL = 0.3  # correlation of `falling` below which noise hides the pole's motion
 _BY_TURNS = ("inertia_roll", "inertia_pitch", "lag", "delay", "drag_height", "angular_drag")
@@ -229,6 +230,21 @@ def fit(windows: Sequence[Windows], start: Vehicle) -> Found:
     limits = min(low, *(float(each.min()) for each in flown)), max(high, *(float(each.max()) for each in flown))
     vehicle = replace(vehicle, rotors=replace(rotors_of(vehicle), thrust=limits))
     return Found(vehicle, thrust, values["delay"], estimates, logs, [], gentle)
+
+
+def doubts_of(found: Found, start: Vehicle) -> list[str]:
+    """Return sentences about the quantities that are far from those of the start vehicle."""
+    names = ("inertia_roll", "inertia_pitch", "thrust_coefficient")
+    before, after = (
+        (*np.diag(each.inertia_matrix)[:2].tolist(), rotors_of(each).thrust_coefficient or 0.0)
+        for each in (start, found.vehicle)
+    )
+    return [
+        f"{name} is {new / old:.2g} times that of {start.name}; check its mass, positions and units, or fly quicker:"
+        " gentle flights under control show too much inertia"
+        for name, old, new in zip(names, before, after, strict=True)
+        if old and not 1.0 / _FAR < new / old < _FAR
+    ]
 
 
 def possible(roll: float, pitch: float, yaw: float) -> tuple[float, float, float]:
