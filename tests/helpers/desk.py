@@ -56,8 +56,12 @@ def fly_on_the_desk(
     scenario: str = "flight_breeze",
     seed: int = 0,
     autopilot: str = "direct",
+    more: tuple[str, ...] = (),
 ) -> Flown:
-    """Press keys of ``fly`` and ``desk`` at times (s) after the first step; the key ``KILL`` ends the process `fly`."""
+    """Press keys of ``fly`` and ``desk`` at times (s) after the first step; the key ``KILL`` ends the process `fly`.
+
+    `more` are options of `simulate`.
+    """
     for name in ("log.csv", "log.toml"):
         (folder / name).unlink(missing_ok=True)
     tcp, udp = free_ports()
@@ -76,6 +80,7 @@ def fly_on_the_desk(
             str(seed),
             "--autopilot",
             autopilot,
+            *more,
         ],
         "fly": ["fly", source, "--to", f"msp:127.0.0.1:{link}", "--from", str(udp), "--log", folder / "log.csv"],
     }

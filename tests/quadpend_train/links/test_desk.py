@@ -6,6 +6,7 @@ import socket
 import sys
 import time
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from shutil import which
 from typing import Any
@@ -21,7 +22,8 @@ from quadpend_gym.vehicles import Simulation
 from quadpend_train.cli.main import main
 from quadpend_train.export.to_c import export_c
 from quadpend_train.flight_logs.loop import loop_of
-from quadpend_train.flight_logs.readers import read_log
+from quadpend_train.flight_logs.merge import merge
+from quadpend_train.flight_logs.readers import BETAFLIGHT, read_log
 from quadpend_train.flight_logs.replay import compare
 from quadpend_train.links import flight, motion_capture
 from quadpend_train.links.autopilots import Link, Msp, listen, open_link, parse_address
@@ -461,6 +463,7 @@ def test_wrong_input_is_one_sentence(lqg: Path, tmp_path: Path, capsys: pytest.C
         ): "--height must be the lowest and the highest height, not 5 1",
         ("fly", str(lqg), "--to", "msp:1", "--height", "nan", "1"): "height must be 2 finite numbers from -10000 to",
         ("fly", str(late_by_nothing), "--to", "msp:1"): "was written for no latency, which no flight has: export it",
+        ("simulate", "--blackbox", "flight.bbl"): "--blackbox needs --autopilot betaflight and a new file, not direct",
         ("simulate", "--rate", "150"): "the rate must be 1000 divided by a whole number",
         ("simulate", "--listen", "here"): "an address must be HOST:PORT or PORT",
         ("simulate", "--scenario", '{"vehicle": "hummingbird"}'): "has no sensors: samples without noise count as",
@@ -557,3 +560,25 @@ def test_nine_of_ten_flights_with_drop_outs_each_second_end_in_the_hand(
         good += flies_well(flown)
         print(autopilot, seed, *flown.fly.splitlines()[-5:-1], flown.desk.splitlines()[-1], sep="\n  ")
     assert good >= 9
+
+
+@pytest.mark.extras
+def test_the_blackbox_of_the_firmware_merges_with_the_log_and_shows_the_vehicle(
+    lqg: Path, tmp_path: Path, breeze: Scenario
+) -> None:
+    pytest.importorskip("orangebox")
+    autopilot_or_skip("betaflight")
+    keys = *flights.START, (3.0, "fly", "i"), (6.0, "fly", "j"), *flights.later(flights.END, 9.0)
+    file, later = tmp_path / "flight.bbl", flights.later(keys, 1.0)
+    flown = flights.fly_on_the_desk(lqg, tmp_path, later, autopilot="betaflight", more=("--blackbox", str(file)))
+    motors = "motor[0]", "motor[1]", "motor[2]", "motor[3]"
+    blackbox = read_log(file, replace(BETAFLIGHT, motors=motors, motor_unit="1", measured=False, poles=1))
+    thrusts = LINEAR.thrust((blackbox.motors - 1000.0) / 1000.0)
+    found = merge(read_log(tmp_path / "log.csv", tmp_path / "log.toml"), replace(blackbox, motors=np.sqrt(thrusts)))
+    assert found.correlation > 0.95
+    errors = compare(found.log.part(0.15, 0.95), {"hummingbird": breeze.vehicle}, horizon=0.1)
+    for name in ("position", "velocity", "attitude", "rate"):
+        assert errors["hummingbird"][name][-1] < errors["held"][name][-1]
+    loop = loop_of(flown.log, LAG, seconds=(3.5, 10.0))
+    assert loop.latency == pytest.approx(0.02, abs=0.003)
+    assert loop.time_constant == pytest.approx(0.02, rel=0.2)

@@ -1,13 +1,37 @@
 """The commands about flight logs: `replay` and `identify`."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from quadpend_gym.core.settings import Range
 
+if TYPE_CHECKING:
+    from quadpend_train.flight_logs.log import FlightLog
+
 Seconds = Annotated[float, Range(0.05, 10.0, "s")]
+
+
+def _read(
+    paths: Sequence[Path],
+    columns: Path | None,
+    blackbox: Sequence[Path] = (),
+    blackbox_columns: Path | None = None,
+) -> "list[FlightLog]":
+    """Return logs, with motors and gyro of the blackboxes of the same flights if there are any."""
+    from quadpend_train.flight_logs.merge import merge
+    from quadpend_train.flight_logs.readers import read_log
+
+    logs = [read_log(path, columns) for path in paths]
+    if len(blackbox) not in (0, len(logs)):
+        raise ValueError(f"--blackbox must be as many files as there are logs, {len(logs)}, not {len(blackbox)}")
+    for i, path in enumerate(blackbox):
+        found = merge(logs[i], read_log(path, blackbox_columns))
+        logs[i] = found.log
+        print(f"{found.sentence(path.name)}.")
+    return logs
 
 
 def replay(
@@ -16,6 +40,8 @@ def replay(
     columns: Path | None = None,
     horizon: Seconds = 0.5,
     delay: Annotated[float, Range(-1.0, 1.0, "s")] = 0.0,
+    blackbox: tuple[Path, ...] = (),
+    blackbox_columns: Path | None = None,
 ) -> None:
     """Fly vehicles open loop under the motor commands of a flight log, and compare them with the log.
 
@@ -25,12 +51,13 @@ def replay(
         columns: TOML file with the names and units of the log's columns.
         horizon: Length of the windows, s.
         delay: Time by which the log of the motion is later than that of the motors, s; identify prints it.
+        blackbox: Betaflight log of the same flight, whose motors and gyro replace those of the log.
+        blackbox_columns: As columns, for the blackbox.
     """
     from quadpend_gym.vehicles.vehicle import as_vehicle
-    from quadpend_train.flight_logs.readers import read_log
     from quadpend_train.flight_logs.replay import compare, table
 
-    read = read_log(log, columns)
+    (read,) = _read([log], columns, blackbox, blackbox_columns)
     print(table(compare(read, {name: as_vehicle(name) for name in vehicle}, horizon, delay)))
     for sentence in read.gaps():
         print(f"Note: {sentence}.")
@@ -43,6 +70,8 @@ def identify(
     test: tuple[Path, ...] = (),
     out: Path = Path("vehicle.toml"),
     loop: bool = False,
+    blackbox: tuple[Path, ...] = (),
+    blackbox_columns: Path | None = None,
 ) -> None:
     """Identify a vehicle from flight logs, and write its file and scenarios for training.
 
@@ -54,6 +83,8 @@ def identify(
         out: Vehicle file. The scenarios are beside it, in NAME-training.toml.
         loop: Print the latency and the time constant of the rate loop instead, from logs of `quadpend fly`; the lag of
             the rotors is that of the vehicle.
+        blackbox: Betaflight log of each flight, as in replay.
+        blackbox_columns: As columns, for the blackboxes.
     """
     from quadpend_gym.vehicles import Simulation, doubts, rotors_of
     from quadpend_gym.vehicles.vehicle import as_vehicle
@@ -61,17 +92,19 @@ def identify(
     from quadpend_train.flight_logs.identify import identify as identify_from
     from quadpend_train.flight_logs.log import DEFAULT
     from quadpend_train.flight_logs.loop import loop_of
-    from quadpend_train.flight_logs.readers import as_columns, read_csv, read_log
+    from quadpend_train.flight_logs.readers import as_columns, read_csv
     from quadpend_train.flight_logs.replay import compare, table
     from quadpend_train.flight_logs.vehicle_file import SETTINGS, write_vehicle
 
     start = as_vehicle(vehicle)
     if loop:
+        if blackbox:
+            raise ValueError("--loop reads the logs of `quadpend fly` alone: leave --blackbox out")
         for path in logs:
             seconds = as_columns(columns, DEFAULT).seconds
             print(f"{path}: {loop_of(read_csv(path), 0.5 * sum(rotors_of(start).lags), seconds).sentence()}.")
         return
-    fitted, tests = ([read_log(path, columns) for path in paths] for paths in (logs, test))
+    fitted, tests = _read(logs, columns, blackbox, blackbox_columns), _read(test, columns)
     found = identify_from(fitted, start, tests=tests)
     print(found.table())
     for log in found.held_out:

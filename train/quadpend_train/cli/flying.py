@@ -117,6 +117,7 @@ def simulate(
     rate: Annotated[float, Range(10.0, 500.0, "1/s")] = 100.0,
     delay: Annotated[float, Range(0.0, 1.0, "s")] = 0.017,
     autopilot: Literal["direct", "betaflight"] = "direct",
+    blackbox: Path | None = None,
 ) -> None:
     """Simulate a vehicle with its pole in real time, for a flight on the desk.
 
@@ -132,6 +133,7 @@ def simulate(
         rate: Samples in a second.
         delay: Of the samples; the whole latency is about 3 ms longer.
         autopilot: What takes the channels: a receiver without firmware, or Betaflight's firmware, at its port 5761.
+        blackbox: New file for the log of Betaflight's firmware, such as flight.bbl.
     """
     import socket
 
@@ -142,13 +144,15 @@ def simulate(
     every = round(1.0 / (rate * desk.PERIOD))
     if abs(every * rate * desk.PERIOD - 1.0) > 1e-6:
         raise ValueError(f"the rate must be 1000 divided by a whole number, such as 100 or 200, not {rate:g}")
+    if blackbox is not None and (blackbox.exists() or autopilot != "betaflight"):
+        raise ValueError(f"--blackbox needs --autopilot betaflight and a new file, not {autopilot} and {blackbox}")
     (flown,) = named_scenarios((scenario,), vehicle, "body_rates").values()
     simulated = desk.Desk(flown, seed, "rotors" if autopilot == "betaflight" else "body_rates")
     prefer()
     with ExitStack() as stack:
         made: receivers.Firmware | receivers.Direct
         if autopilot == "betaflight":
-            made = stack.enter_context(receivers.Firmware(flown.simulation))
+            made = stack.enter_context(receivers.Firmware(flown.simulation, [blackbox] if blackbox else []))
         else:
             server = stack.enter_context(autopilots.listen(listen, socket.SOCK_STREAM))
             made = receivers.Direct(server, flown.simulation)

@@ -15,7 +15,7 @@ from quadpend_baselines import Policy
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles.plausibility import LATE, LEAST_THRUST, delays
 from quadpend_train.common.executors import run
-from quadpend_train.evaluation.envelope import EPISODES, SURVIVAL, TOLERATED, Event, Limit, events, limit
+from quadpend_train.evaluation.envelope import DELAY, EPISODES, SURVIVAL, TOLERATED, Event, Limit, events, limit
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.jobs import Job, run_job
@@ -23,11 +23,12 @@ from quadpend_train.evaluation.linear_models import loop_margins
 from quadpend_train.evaluation.metrics import summarise, values_of
 
 FIRST = 0.5  # share of a limit up to which the first flights go
+MEASURED = {DELAY: "latency", "pole not as believed": "pole", "loss of thrust": "thrust"}  # by what believes it
+CAUGHT = "held pole let go"
 HEADINGS = ("", "found", "needed", "found / needed", "room (m)")
 NOTE = (
-    "Brackets, which are no confidence intervals: the largest tried strength without a fall, and the smallest one that"
-    f" is beyond the limit of {SURVIVAL:.0%} with 95 % confidence. Room: farthest distance from the reference at the"
-    " needed strength"
+    "Brackets, no confidence intervals: largest tried strength without a fall, smallest one beyond"
+    f" {SURVIVAL:.0%} with 95 % confidence. Room: largest error"
 )
 
 
@@ -57,6 +58,7 @@ class DataSheet:
         short = [name for name, _, _, ratio, _ in self.rows if ratio < 1.0]
         weak = [name for name, ratio in ratios.items() if ratio < 1.0]
         out = [NOTE, *(f"Warning: not enough {name}" for name in short)]
+        halves = {name: f"{format_number(FIRST * self.limits[name].clean)} {self.events[name].unit}" for name in ratios}
         if weak:
             out.append(f"Warning: not shown to survive everyday strength: {', '.join(weak)}")
         failed = [name for name in weak if self.limits[name].value < self.events[name].everyday]
@@ -71,8 +73,9 @@ class DataSheet:
         return [
             *out,
             f"Smallest reserves: {', '.join(reserves[len(weak) :][:3])}",
-            f"Fly first: hover in still air; then, up to {FIRST:g} of the limits and everyday strength,"
-            f" {', '.join(steps)}",
+            f"Measure before: {', '.join(f'{what} within {halves[name]}' for name, what in MEASURED.items())}",
+            f"Fly first: on the desk; tethered, the pole let go within {halves[CAUGHT]} of upright, with"
+            f" {format_number(self.limits[CAUGHT].room)} m of room; hover in still air; then {', '.join(steps)}",
         ]
 
 

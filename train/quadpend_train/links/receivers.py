@@ -1,11 +1,12 @@
 """What takes the channels on the desk: a receiver without firmware, or Betaflight's own process in real time."""
 
+import shutil
 import socket
 import struct
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -24,6 +25,7 @@ _PATIENCE = 0.06  # s without channels, after which the receiver disarms
 _SWITCHED_ON = 1700  # µs
 _STATE_PORT, _MOTORS_PORT, MSP_PORT = 9003, 9001, 5761  # of Betaflight's target SITL
 _START, _STARTS = 4.0, 5  # s, until its gyro is calibrated, and how often it may begin
+_BLACKBOX = ("set blackbox_device = VIRTUAL", "set blackbox_sample_rate = 1/1")  # a file in the folder of the process
 # Channels act within 1 ms, not 10 ms; without them the motors stop as soon as the firmware can
 _LINES = ("set serial_update_rate_hz = 1000", "set failsafe_delay = 1", "set failsafe_procedure = DROP")
 
@@ -92,12 +94,19 @@ class Direct:
 
 
 class Firmware:
-    """Betaflight's process with the clock of this computer; it takes MSP at the TCP port 5761 of its own."""
+    """Betaflight's process with the clock of this computer; it takes MSP at the TCP port 5761 of its own.
 
-    def __init__(self, simulation: Simulation) -> None:
+    Args:
+        simulation: The vehicle.
+        blackbox: File for the firmware's log, such as flight.bbl; none: without a log.
+    """
+
+    def __init__(self, simulation: Simulation, blackbox: Sequence[Path] = ()) -> None:
         autopilot, vehicle = Betaflight(), simulation.vehicle
         autopilot.check(simulation, None)
-        self._binary, configured = prepare(autopilot.binary, (*cli_lines(autopilot, simulation), *_LINES))
+        lines = *cli_lines(autopilot, simulation), *_LINES, *_BLACKBOX * len(blackbox)
+        self._binary, configured = prepare(autopilot.binary, lines)
+        self._blackbox = blackbox
         self._configuration = (configured / "eeprom.bin").read_bytes()
         (self._low, self._high), self._hover = rotors_of(vehicle).thrust, hover_thrusts(vehicle)
         self._outputs, self._open = np.full(4, 1000.0), ExitStack()
@@ -128,6 +137,8 @@ class Firmware:
             finally:
                 process.kill()
                 process.wait()
+                for file, path in zip(sorted(Path(folder).glob("LOG*")), self._blackbox, strict=False):
+                    shutil.copy(file, path)
 
     def _answers(self) -> bool:
         """Keep the vehicle still until the gyro is calibrated; return whether the firmware answers then."""
