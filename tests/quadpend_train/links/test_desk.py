@@ -574,7 +574,10 @@ def test_the_blackbox_of_the_firmware_merges_with_the_log_and_shows_the_vehicle(
     motors = "motor[0]", "motor[1]", "motor[2]", "motor[3]"
     blackbox = read_log(file, replace(BETAFLIGHT, motors=motors, motor_unit="1", measured=False, poles=1))
     thrusts = LINEAR.thrust((blackbox.motors - 1000.0) / 1000.0)
-    found = merge(read_log(tmp_path / "log.csv", tmp_path / "log.toml"), replace(blackbox, motors=np.sqrt(thrusts)))
+    found = merge(
+        read_log(tmp_path / "log.csv", tmp_path / "log.toml"),
+        replace(blackbox, motors=np.sqrt(thrusts), is_command=False),
+    )
     assert found.correlation > 0.95
     errors = compare(found.log.part(0.15, 0.95), {"hummingbird": breeze.vehicle}, horizon=0.1)
     for name in ("position", "velocity", "attitude", "rate"):

@@ -17,6 +17,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import Interval, Range, settings, suggest
 
 _SMOOTHING = 0.05  # s: half width of the parabola that differentiates a log without velocities or body rates
+_HARMLESS = 0.02  # s: a quiet log of 1 kHz repeats its numbers for as long
 _LONGEST_GAP = 3.5  # usual distances between two positions; windows of a replay contain no longer gap
 _COUNTERS = (2**24 * 1e-6, 2**16 * 1e-3, 2**32 * 1e-6, 2**24 * 1e-3, 2**32 * 1e-3)  # s, after which they begin again
 _PERIODS = (1e-4, 0.1)  # s: a wrong unit of the time, by a factor of 1000, leaves this range
@@ -239,9 +240,8 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     groups = [list(each) for each in (columns.position, columns.motors, columns.rate) if each]
     for samples in (time[seen], *(time[_knots(time, table[each])] for each in groups)):
         distances = np.diff(samples)
-        breaks += [
-            (samples[i], samples[i + 1]) for i in np.flatnonzero(distances > _LONGEST_GAP * np.median(distances))
-        ]
+        longest = max(_HARMLESS, _LONGEST_GAP * float(np.median(distances)))
+        breaks += [(samples[i], samples[i + 1]) for i in np.flatnonzero(distances > longest)]
     valid = np.full(len(grid), True)
     for begin, end in breaks:  # derivatives near a gap contain it
         valid &= (grid <= begin - _SMOOTHING) | (grid >= end + _SMOOTHING)
