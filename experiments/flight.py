@@ -29,6 +29,7 @@ from quadpend_train.reports import figures, tables
 
 POLICIES = "lqg", "dual-mode", "flatness", "lqi", "adrc-matched", "adrc-paper", "apg-flight"
 MARKERS, FEW = "os^vDP*X<>ph", 10  # more scenarios of a training are not listed
+FEWER = "lqi", "adrc-matched", "adrc-paper"  # have no columns in the two largest tables of the page
 FOLDER, ROWS = DOCS / "flight", 10  # rows of the table in the README
 EVENTS = events(SCENARIOS[BASE])
 SHORT = "rank", "policy", "survival bound (%)", "error (multiple of the reference)", "envelope", f"{DELAY} (ms)"
@@ -88,14 +89,14 @@ def cell_table(found: Comparison) -> pd.DataFrame:
 def matrix(table: pd.DataFrame, found: Comparison) -> str:
     """Return references and errors in mm, and survivals below 100 %, in Markdown, a line for each scenario."""
     rows, own = [], {name: reference(found.scenarios[name])[1] for name in found.references}
-    for name, part in table.groupby("scenario", sort=False):
+    for name, part in table[~table["policy"].isin(FEWER)].groupby("scenario", sort=False):
         row = [str(name).removeprefix("flight_")]
         row += [format_number(part["reference"].iloc[0]) + ("" if own[str(name)] else "*")]
         for cell in part.itertuples():
             text = format_number(cell.error)
             row.append(text if cell.survival == 100.0 else f"{text}, {cell.survival:.3g} %")
         rows.append(row)
-    return markdown_table(["scenario", "reference", *found.policies], rows)
+    return markdown_table(["scenario", "reference", *(name for name in found.policies if name not in FEWER)], rows)
 
 
 def event_matrix(found: Comparison) -> str:
@@ -121,11 +122,11 @@ def limit_csv(limits: Limits) -> pd.DataFrame:
 
 def limit_table(table: pd.DataFrame) -> str:
     """Return the limits in Markdown, a line for each event."""
-    rows, policies = [], list(dict.fromkeys(table["policy"]))
-    for (name, unit, everyday), part in table.groupby(["event", "unit", "everyday"], sort=False):
+    rows, shown = [], table[~table["policy"].isin(FEWER)]
+    for (name, unit, everyday), part in shown.groupby(["event", "unit", "everyday"], sort=False):
         texts = (f"{cell.sign} {format_number(cell.limit)}".strip() for cell in part.itertuples())
         rows.append([f"{name} ({unit})", format_number(everyday), *texts])
-    return markdown_table(["event", "everyday", *policies], rows)
+    return markdown_table(["event", "everyday", *dict.fromkeys(shown["policy"])], rows)
 
 
 def origins(found: Comparison) -> str:
