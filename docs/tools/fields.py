@@ -1,4 +1,4 @@
-"""Write the tables of fields with their defaults: ``python -m docs.tools.fields``."""
+"""Write the lists of fields with their defaults: ``python -m docs.tools.fields``."""
 
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
@@ -39,23 +39,22 @@ def _value(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-def _rows(kinds: tuple[type[Any], ...]) -> Iterator[str]:
-    """Yield the rows of a group; a field that several of its classes share has one row."""
-    found: dict[tuple[str, str], list[str]] = {}  # names of classes by field and text of the other cells
+def _lines(kinds: tuple[type[Any], ...]) -> Iterator[str]:
+    """Yield the lines of a group; a field that several of its classes share has one line."""
+    found: dict[tuple[str, str], list[str]] = {}  # names of classes by field and the rest of the line
     for kind in kinds:
         items, texts = {item.name: item for item in fields(kind)}, meanings(kind)
         for name, _, bounds in declared(kind):
-            cells = [f"{_default(items[name])} {bounds.unit}".strip(), texts[name]]
-            found.setdefault((name, " | ".join(cells)), []).append(kind.__name__)
+            value = f"{_default(items[name])} {bounds.unit}".strip()
+            found.setdefault((name, f" ({value}): {texts[name]}"), []).append(kind.__name__)
     for (name, rest), (first, *others) in found.items():
-        also = f" ({', '.join(others)})" if others else ""
-        yield f"| `{first}.{name}`{also} | {rest} |"
+        also = "".join(f", `{other}`" for other in others)
+        yield f"- `{first}.{name}`{also}{rest}"
 
 
 def tables() -> dict[str, str]:
-    """Return the generated tables of the page by name."""
-    head = ["| field | default | meaning |", "|---|---|---|"]
-    return {name: "\n".join([*head, *_rows(kinds)]) for name, kinds in GROUPS.items()}
+    """Return the generated lists of the page by name."""
+    return {name: "\n".join(_lines(kinds)) for name, kinds in GROUPS.items()}
 
 
 if __name__ == "__main__":

@@ -18,15 +18,15 @@ GROUPS = {
 }
 
 
-def settings_table(kind: type) -> str:
-    """Return the table of a settings class: name, default value as JSON, and meaning."""
-    texts, rows = meanings(kind), []
+def settings_list(kind: type) -> str:
+    """Return the list of a settings class: name, default value as JSON, and meaning."""
+    texts, lines = meanings(kind), []
     for name, value in vars(kind()).items():
         if name != "arguments":  # in files the table of the algorithm
             value = [scenario.name for scenario in value] if name == "scenarios" else value
-            default = "" if hasattr(value, "__dataclass_fields__") else f"`{json.dumps(value)}`"
-            rows.append(f"| `{name}` | {default} | {texts[name]} |")
-    return "\n".join(["| setting | default | meaning |", "|---|---|---|", *rows])
+            default = "" if hasattr(value, "__dataclass_fields__") else f" (`{json.dumps(value)}`)"
+            lines.append(f"- `{name}`{default}: {texts[name]}")
+    return "\n".join(lines)
 
 
 def presets_table() -> str:
@@ -52,7 +52,7 @@ def _duration(preset: str) -> str:
 
 def tables() -> dict[str, str]:
     """Return the generated parts of the page by name."""
-    return {**{name: settings_table(kind) for name, kind in GROUPS.items()}, "presets": presets_table()}
+    return {**{name: settings_list(kind) for name, kind in GROUPS.items()}, "presets": presets_table()}
 
 
 if __name__ == "__main__":
