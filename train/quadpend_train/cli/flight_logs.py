@@ -22,9 +22,9 @@ def _read(
 ) -> "list[FlightLog]":
     """Return logs, with motors and gyro of the blackboxes of the same flights if there are any."""
     from quadpend_train.flight_logs.merge import merge
-    from quadpend_train.flight_logs.readers import read_log
+    from quadpend_train.flight_logs.readers import read_log, read_logs
 
-    logs = [read_log(path, columns) for path in paths]
+    logs = [log for path in paths for log in read_logs(path, columns)]
     if len(blackbox) not in (0, len(logs)):
         raise ValueError(f"--blackbox must be as many files as there are logs, {len(logs)}, not {len(blackbox)}")
     for i, path in enumerate(blackbox):
@@ -57,10 +57,11 @@ def replay(
     from quadpend_gym.vehicles.vehicle import as_vehicle
     from quadpend_train.flight_logs.replay import compare, table
 
-    (read,) = _read([log], columns, blackbox, blackbox_columns)
-    print(table(compare(read, {name: as_vehicle(name) for name in vehicle}, horizon, delay)))
-    for sentence in read.gaps():
-        print(f"Note: {sentence}.")
+    for read in _read([log], columns, blackbox, blackbox_columns):
+        print(f"{read.name}:")
+        print(table(compare(read, {name: as_vehicle(name) for name in vehicle}, horizon, delay)))
+        for sentence in read.gaps():
+            print(f"Note: {sentence}.")
 
 
 def identify(

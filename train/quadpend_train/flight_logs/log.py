@@ -5,6 +5,7 @@ World frame: z up. Body frame: x forward, y left, z up. Quaternions are w, x, y,
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -20,6 +21,7 @@ _SMOOTHING = 0.05  # s: half width of the parabola that differentiates a log wit
 _HARMLESS = 0.02  # s: a quiet log of 1 kHz repeats its numbers for as long
 _LONGEST_GAP = 3.5  # usual distances between two positions; windows of a replay contain no longer gap
 _COUNTERS = (2**24 * 1e-6, 2**16 * 1e-3, 2**32 * 1e-6, 2**24 * 1e-3, 2**32 * 1e-3)  # s, after which they begin again
+_FEWEST = 50  # rows of each of several flights in a file
 _PERIODS = (1e-4, 0.1)  # s: a wrong unit of the time, by a factor of 1000, leaves this range
 _JUMP = 0.5  # m: longest step between two samples, beyond that of the velocity; an estimator that resets its position
 _TURN = 0.35  # rad: longest turn between two samples, beyond that of the body rate; motion capture that flips
@@ -337,12 +339,7 @@ def _numbers(name: str, table: pd.DataFrame, columns: Columns) -> tuple[Floats, 
             f" {_LARGEST:g}, or empty"
         )
     numbers = numbers[np.isfinite(numbers[columns.time])]
-    time = numbers[columns.time].to_numpy() * _SECONDS[columns.time_unit]
-    steps = np.diff(time)
-    usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
-    for span in _COUNTERS:
-        near = min(_LONGEST_GAP * usual, 0.01 * span)
-        time[1:] += span * np.cumsum((steps < 0.0) & (np.abs(steps + span) <= near))
+    time = _unwrapped(numbers[columns.time].to_numpy() * _SECONDS[columns.time_unit])
     for i in np.flatnonzero(np.diff(time) < 0.0)[:1]:
         raise ValueError(
             f"the log {name!r} must have increasing time stamps, but row {numbers.index[i + 1] + 1} goes back from"
@@ -358,6 +355,27 @@ def _numbers(name: str, table: pd.DataFrame, columns: Columns) -> tuple[Floats, 
                 f" {numbers.index[wrong[0]] + 1}"
             )
     return time, numbers
+
+
+def _unwrapped(time: Floats) -> Floats:
+    """Return stamps, s, whose counter does not begin again."""
+    steps, out = np.diff(time), time.copy()
+    usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    for span in _COUNTERS:
+        near = min(_LONGEST_GAP * usual, 0.01 * span)
+        out[1:] += span * np.cumsum((steps < 0.0) & (np.abs(steps + span) <= near))
+    return out
+
+
+def flights(table: pd.DataFrame, columns: Columns) -> list[pd.DataFrame]:
+    """Return the parts of a table that begin where the time goes back: a file may have several flights."""
+    if columns.time not in table:
+        return [table]
+    stamps = pd.to_numeric(table[columns.time], errors="coerce").astype(float)
+    stamps = stamps[np.isfinite(stamps)]
+    back = np.flatnonzero(np.diff(_unwrapped(stamps.to_numpy() * _SECONDS[columns.time_unit])) < 0.0) + 1
+    begins = [0, *table.index.get_indexer(stamps.index[back]).tolist(), len(table)]
+    return [table[a:b] for a, b in pairwise(begins)] if min(np.diff(begins)) >= _FEWEST else [table]
 
 
 def pole_motion(along: Floats, period: float) -> Floats:

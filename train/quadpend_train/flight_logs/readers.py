@@ -12,7 +12,7 @@ import pandas as pd
 
 from quadpend_gym.core.files import read_toml
 from quadpend_train.common.text import brief
-from quadpend_train.flight_logs.log import DEFAULT, Columns, FlightLog, make_log
+from quadpend_train.flight_logs.log import DEFAULT, Columns, FlightLog, flights, make_log
 
 # Motors in the order front left, back left, back right, front right of the presets in X layout.
 PX4 = Columns(
@@ -35,6 +35,14 @@ BETAFLIGHT = Columns(
     poles=7,
     frame="up",
 )
+THROTTLES = replace(  # of Betaflight without bidirectional DShot
+    BETAFLIGHT,
+    motors=("throttle[3]", "throttle[2]", "throttle[0]", "throttle[1]"),
+    motor_unit="1",
+    measured=False,
+    poles=1,
+)
+_DSHOT, _PULSES = (48.0, 2047.0), (1000.0, 2000.0)  # commands of a motor at rest and at full throttle
 _TOPICS = {  # of PX4: fields and the names of their columns
     "vehicle_local_position": {name: name for name in ("x", "y", "z", "vx", "vy", "vz")},
     "vehicle_attitude": {f"q[{i}]": f"q{axis}" for i, axis in enumerate("wxyz")},
@@ -55,7 +63,20 @@ def as_columns(columns: Columns | str | Path | None, default: Columns) -> Column
 
 
 def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> FlightLog:
-    """Read a log; `columns` are a `Columns` or the TOML file of its fields, which replace those of a format."""
+    """Read the log of one flight, see `read_logs`."""
+    logs = read_logs(path, columns)
+    if len(logs) > 1:
+        raise ValueError(f"the log {str(path)!r} has {len(logs)} flights; take read_logs")
+    return logs[0]
+
+
+def read_logs(path: str | Path, columns: Columns | str | Path | None = None) -> list[FlightLog]:
+    """Read the flights of a file.
+
+    Args:
+        path: CSV file, PX4 log (.ulg) or Betaflight log (.bbl, .bfl).
+        columns: `Columns` or the TOML file of its fields, which replace those of a format.
+    """
     path = Path(path)
     read, default, kind = {
         ".ulg": (_px4, PX4, "a PX4 log (ULog)"),
@@ -69,7 +90,15 @@ def read_log(path: str | Path, columns: Columns | str | Path | None = None) -> F
         if isinstance(error, ImportError) or getattr(error, "errno", None):
             raise
         raise ValueError(f"the log {str(path)!r} cannot be read as {kind}: {brief(error)}") from error
-    log = make_log(path.stem, table, known)
+    if known is BETAFLIGHT and BETAFLIGHT.motors[0] not in table:
+        known = THROTTLES
+    tables = flights(table, known)
+    names = [path.stem] if len(tables) == 1 else [f"{path.stem}-{i + 1}" for i in range(len(tables))]
+    return [_flown(make_log(name, each, known), known) for name, each in zip(names, tables, strict=True)]
+
+
+def _flown(log: FlightLog, known: Columns) -> FlightLog:
+    """Return a log whose motors turn."""
     if still := [name for name, numbers in zip(known.motors, log.motors.T, strict=True) if not numbers.any()]:
         raise ValueError(f"the log {log.name!r} shows no flight: its motor {still[0]!r} never turns")
     return log
@@ -106,7 +135,7 @@ def _px4(path: Path) -> pd.DataFrame:
 
 
 def _betaflight(path: Path) -> pd.DataFrame:
-    """Return all fields of the first flight in a blackbox log."""
+    """Return all fields of the flights in a blackbox log, and the throttles of the motors from 0 to 1."""
     from orangebox import Parser
 
     messages = logging.getLogger("orangebox")
@@ -114,9 +143,17 @@ def _betaflight(path: Path) -> pd.DataFrame:
     messages.setLevel(logging.CRITICAL)  # many lines for one damaged frame
     try:
         parser = Parser.load(str(path))
-        frames = [frame.data for frame in parser.frames()]
+        tables, lost = list[pd.DataFrame](), 0
+        for index in range(1, parser.reader.log_count + 1):
+            parser.set_log_index(index)
+            table = pd.DataFrame([frame.data for frame in parser.frames()], columns=parser.field_names)
+            motors = table.filter(regex=r"^motor\[")
+            low, high = _DSHOT if motors.min().min() < _PULSES[0] else _PULSES
+            throttles = ((motors - low) / (high - low)).clip(0.0, 1.0)
+            tables.append(table.join(throttles.rename(columns=lambda name: name.replace("motor", "throttle"))))
+            lost += parser._ctx.invalid_frame_count
     finally:
         messages.setLevel(usual)
-    if lost := parser._ctx.invalid_frame_count:
-        print(f"{path}: {lost} damaged frames are left out, and {len(frames)} are read.", file=sys.stderr)
-    return pd.DataFrame(frames, columns=parser.field_names)
+    if lost:
+        print(f"{path}: {lost} damaged frames are left out, and {sum(map(len, tables))} are read.", file=sys.stderr)
+    return pd.concat(tables, ignore_index=True)
