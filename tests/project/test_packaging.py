@@ -60,4 +60,4 @@ def test_the_first_example_of_the_readme_runs_where_only_the_wheel_is_installed(
         [python, "-I", "-c", code], cwd=tmp_path / "empty", capture_output=True, text=True, check=False
     )
     assert ran.returncode == 0, ran.stderr
-    assert re.search(r"error after 10 s: \[.*\] mm\n" + re.escape(str(tmp_path / "venv")), ran.stdout)
+    assert re.search(r"error after 12 s: \[.*\] mm\n" + re.escape(str(tmp_path / "venv")), ran.stdout)
