@@ -3,7 +3,7 @@
     python train/lab.py --out runs/lab                                          # five networks (seeds) side by side
     python train/lab.py --kernels DIR --prepare                                 # only writes the sources
     python train/lab.py --kernels DIR                                           # needs no CasADi then
-    python train/lab.py --device c --seeds 0 --rows 32                          # without a GPU, one of them
+    python train/lab.py --device c --seeds 0 --rows 32                          # without a GPU, a smaller training
 
 The networks read the inputs of `quadpend_baselines.hybrid.lab`. Environments, inputs, the teacher (the C that `quadpend
 export` writes) and the derivatives of the motion are generated kernels. A window of flight and its update are one CUDA
@@ -20,6 +20,8 @@ from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
+from hashlib import sha256
+from inspect import getsource
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from quadpend_baselines.hybrid import constant_gain, lab
 from quadpend_baselines.hybrid.lab import FILTER, LAB_SIZE, LAGS, NEAR, OUTPUT, lab_part
 from quadpend_baselines.policy.told import scaled_pole
 from quadpend_gym import __version__
@@ -39,7 +42,7 @@ from quadpend_gym.scenarios.library import as_scenario
 from quadpend_gym.tasks.observation import LAB
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.wind.base import SAMPLE_SIZE
-from quadpend_train.common.files import atomic
+from quadpend_train.common.files import atomic, write_text
 from quadpend_train.common.provenance import provenance
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 
@@ -121,7 +124,6 @@ MOTION: tuple[str, dict[str, Any]] = (
 MEMORIES = {"lags": LAGS, "filter": FILTER}  # inputs
 TAUGHT = 400  # numbers that a teacher remembers, at most
 SETTINGS = "scenarios", "seeds", "rows", "without", "imitation", "gradients"  # that policies depend on
-HEAD = f"/* quadpend_gym {__version__}: {LAB_SIZE} inputs */\n"
 NEVER = -1e6  # when an action acts that is older than all under way
 HIDDEN = 128  # width of the two hidden layers
 STEPS, BATCHES = 16, 8  # of a window of imitation
@@ -182,10 +184,19 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
         parser.error("--imitation and --gradients are both 0: nothing would be trained")
     if not args.prepare and args.device != "c" and not torch.cuda.is_available():
         parser.error(f"--device {args.device} needs a GPU, and PyTorch finds none: --device c trains on a processor")
-    if not args.prepare and (made := args.out / f"lab-{args.seeds[0]}.npz").exists():
-        parser.error(f"{made} exists: give another --out")
+    if len({*args.seeds}) < len(args.seeds) or min(args.seeds) < 0:
+        parser.error(f"--seeds must be different and at least 0, not {' '.join(map(str, args.seeds))}")
+    if made := [file for seed in args.seeds if (file := args.out / f"lab-{seed}.npz").exists() and not args.prepare]:
+        parser.error(f"{made[0]} exists: give another --out")
     args.kernels = args.kernels or args.out / "kernels"
     return args
+
+
+@cache
+def head() -> str:
+    """Return the first line of a source of inputs, which names their equations."""
+    equations = "".join(map(getsource, (lab, constant_gain))) + TEACH
+    return f"/* quadpend_gym {__version__}, inputs {sha256(equations.encode()).hexdigest()[:16]} */\n"
 
 
 @cache
@@ -230,7 +241,7 @@ def prepare(folder: Path, vehicle: str) -> None:
     if "advance_1(" in text:
         raise ValueError("the teacher must have a latency of whole control periods")
     taught = f"#define TAUGHT {TAUGHT}\n#define q_tanh(x) tanhf(x)\n{text}{TEACH}"
-    (folder / f"{vehicle}.c").write_text(f"{HEAD}{inputs}\n{taught}", encoding="utf-8")
+    write_text(folder / f"{vehicle}.c", f"{head()}{inputs}\n{taught}")
 
 
 class Inputs(torch.autograd.Function):
@@ -263,6 +274,8 @@ class Inputs(torch.autograd.Function):
 class Networks(nn.Module):
     """Networks side by side: every parameter has one of each first."""
 
+    mask: Tensor  # 0 where the networks do not see an input
+
     def __init__(self, seeds: list[int], without: list[str]) -> None:
         super().__init__()
         count = len(seeds)
@@ -274,11 +287,12 @@ class Networks(nn.Module):
             for weights in self.weights:
                 gain = 0.01 if weights.shape[2] == ACTION_SIZE else 1.4
                 nn.init.orthogonal_(weights.data[i], gain, generator=random)
-        self.seen = torch.ones(1, LAB_SIZE, 1)
+        self.register_buffer("mask", torch.ones(1, LAB_SIZE, 1), persistent=False)
         for name in without:
-            self.seen[:, MEMORIES[name]] = 0.0
-        self.weights[0].data *= self.seen
-        self.weights[0].register_hook(lambda gradient: gradient * self.seen.to(gradient))
+            self.mask[:, MEMORIES[name]] = 0.0
+        self.weights[0].data *= self.mask
+        if without:
+            self.weights[0].register_hook(lambda gradient: gradient * self.mask)
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the outputs, shape (networks, n, 4), for inputs of shape (networks, n, inputs)."""
@@ -306,13 +320,15 @@ class Flight:
             return QuadPendulumDeviceEnv(each, training_scenario(name), device=args.device, kernel=file)
 
         def vehicle(name: str) -> Library:
-            if not (file := folder / f"{name}.c").exists():
-                prepare(folder, name)
-            if not (source := file.read_text(encoding="utf-8")).startswith(HEAD):
+            file = folder / f"{name}.c"
+            if not (source := file.read_text(encoding="utf-8")).startswith(head()):
                 raise ValueError(f"{file} is of another version: remove {folder}, or give another folder")
             return Library(source, args.device, torch.float32)
 
         folder.mkdir(parents=True, exist_ok=True)
+        for name, _ in spans:
+            if not (folder / f"{name}.c").exists():
+                prepare(folder, name)
         with ThreadPoolExecutor(12 if (folder / "motion.c").exists() else 1) as pool:
             envs, libraries = pool.map(environment, names), pool.map(vehicle, [name for name, _ in spans])
             self.envs, found = list(envs), list(libraries)
@@ -467,6 +483,12 @@ class Trainer:
         self.parameters = list(self.networks.parameters())
         self.rate, self.share = torch.tensor(0.0, device=device), torch.tensor(1.0, device=device)
         self.optimizer = torch.optim.Adam(self.parameters, lr=self.rate, capturable=fast, fused=fast)
+        for p in self.parameters:
+            p.grad = torch.zeros_like(p)
+        self.optimizer.step()  # makes its state
+        for state in self.optimizer.state.values():
+            for value in state.values():
+                value.zero_()
         spread = 0.1 * torch.linspace(0.0, 1.0, args.rows, device=device) ** 2
         self.noise = spread.repeat(len(self.flight.envs) * len(args.seeds))  # standard deviation of that on the actions
         self.loss, shape = self.flight.zeros(len(args.seeds)), (len(self.flight.envs), len(args.seeds))
@@ -562,8 +584,6 @@ class Trainer:
 
     def graphed(self, function: Callable[[], None]) -> Callable[[], None]:
         """Return a function as a CUDA graph; what the networks learned while it was warmed up is undone."""
-        for p in self.parameters:
-            p.grad = torch.zeros_like(p)
         run = function
         if self.flight.device.type == "cuda":
             start = deepcopy(self.state())
@@ -578,6 +598,7 @@ class Trainer:
                 function()
             run = graph.replay
             self.set_state(start)
+            self.forget()
         return run
 
     def state(self) -> dict[str, Any]:
@@ -590,23 +611,18 @@ class Trainer:
         with torch.no_grad():
             for i, p in enumerate(self.parameters):
                 for name, value in self.optimizer.state[p].items():
-                    given = state["optimizer"].get(i)
-                    value.copy_(given[name]) if given else value.zero_()
+                    value.copy_(state["optimizer"][i][name])
 
     def train(self) -> None:
         """Imitate, then improve, each in ten parts; what an interrupted training has done of them is not repeated."""
-        how = {name: getattr(self.args, name) for name in SETTINGS}
+        how = {name: getattr(self.args, name) for name in SETTINGS} | {"kernels": head()}
         file, done, seconds, runs = self.args.out / "training.pt", 0, 0.0, {}
         if file.exists():
             found = torch.load(file, map_location=self.flight.device)
             if found["how"] != how:
-                raise SystemExit(f"{file} is of a training with other settings: give another --out")
+                raise SystemExit(f"{file} is of a training with other settings or equations: give another --out")
             done, seconds = found["done"], found["seconds"]
-            for p in self.parameters:
-                self.optimizer.state[p] = {}
-            self.optimizer.load_state_dict({**self.optimizer.state_dict(), "state": found["optimizer"]})
-            self.optimizer.param_groups[0]["lr"] = self.rate
-            self.networks.load_state_dict(found["networks"])
+            self.set_state(found)
         stages = (self.imitate, self.args.imitation, RATES[0]), (self.improve, self.args.gradients, RATES[1])
         for part in range(done, 2 * PARTS):
             begin, (function, count, (first, last)) = time.perf_counter(), stages[part // PARTS]
@@ -631,6 +647,10 @@ class Trainer:
         cells = zip(self.args.scenarios, self.falls.mean(1).tolist(), errors.tolist(), strict=True)
         losses = " ".join(f"{value:.4f}" for value in self.loss.tolist())
         print(f"{head}, loss {losses}:", ", ".join(f"{n} {f:.3g}/{e:.3g}" for n, f, e in cells), flush=True)
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin the sums of the next report."""
         for item in (self.falls, self.squares, self.scored):
             item.zero_()
 
@@ -640,7 +660,7 @@ class Trainer:
         steps = len(args.scenarios) * args.rows * (STEPS * args.imitation + WINDOW * args.gradients)
         device = torch.cuda.get_device_name() if cuda else "c"
         card: dict[str, Any] = {"format": FORMAT, "activation": "elu", "squashed": False, "provenance": provenance()}
-        card |= {"hybrid": {"kind": "lab_only", "base_controller": "lqg"}, "settings": how | {"algo": "lab"}}
+        card |= {"hybrid": {"kind": "lab_only", "base_controller": "lqg"}, "settings": {**how, "algo": "lab"}}
         card |= {"interface": "body_rates", "vehicle": "hummingbird", "device": device}
         card |= {"steps": steps, "seconds": round(seconds)}
         layers = [*zip(self.networks.weights, self.networks.biases, strict=True)]

@@ -16,7 +16,7 @@ from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
 
-from llvmlite.binding import get_host_cpu_name
+from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
 # No contraction of products and sums, so that the numbers are CasADi's to the last bit. No other library replaces the
 # functions of this one, so the compiler may inline them, which saves a tenth of the time; nobody reads errno.
@@ -27,12 +27,12 @@ FAST = ("-O3", "-march=native", "-ffp-contract=fast", "-fno-trapping-math", "-fn
 
 
 def load_c(source: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL:
-    """Return the library of a C source, from the cache or new, compiled with further flags.
+    """Return the library of a C source, from the cache or new, compiled with further flags if it knows them.
 
     Raises:
         OSError: There is no C compiler, or it fails.
     """
-    machine = get_host_cpu_name() if flags else ""
+    machine = f"{get_host_cpu_name()} {get_host_cpu_features().flatten()}" if flags else ""
     key = " ".join(
         (os.environ.get("CC", ""), *_FLAGS, *flags, machine, source)
     )  # a library in the cache needs no compiler
@@ -43,7 +43,12 @@ def load_c(source: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL:
     with TemporaryDirectory(dir=library.parent) as name:
         file, new = Path(name, "generated.c"), Path(name, "generated.so")
         file.write_text(source, encoding="utf-8")
-        run_compiler([*c_compiler(), *_FLAGS, *flags, "-o", str(new), str(file), "-lm"])
+        try:
+            run_compiler([*c_compiler(), *_FLAGS, *flags, "-o", str(new), str(file), "-lm"])
+        except OSError:
+            if not flags:
+                raise
+            run_compiler([*c_compiler(), *_FLAGS, "-o", str(new), str(file), "-lm"])
         with new.open("rb+") as made:
             os.fsync(made.fileno())  # a library that a power failure had cut would kill the process that loads it
         os.replace(new, library)

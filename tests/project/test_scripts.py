@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from quadpend_baselines.hybrid.lab import LAGS
 from quadpend_train.policies.loading import load_policy
 from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
@@ -46,11 +47,14 @@ def test_the_script_for_a_gpu_trains_on_the_processor(run_script: Run, tmp_path:
 @pytest.mark.extras
 def test_the_script_for_measurements_alone_trains_on_the_processor(run_script: Run, tmp_path: Path) -> None:
     scenarios = "--scenarios", "wind", "pole 0.8", "catch"
-    sizes = "--seeds", "0", "1", "--rows", "2", "--imitation", "2", "--gradients", "1"
+    sizes = "--seeds", "0", "1", "--rows", "2", "--imitation", "2", "--gradients", "1", "--without", "lags"
     out = run_script("train/lab.py", "--device", "c", "--out", str(tmp_path / "lab"), *scenarios, *sizes)
     assert "improve 1" in out
     policies = [load_policy(str(tmp_path / "lab" / f"lab-{seed}.npz")) for seed in range(2)]
-    assert not np.array_equal(*(policy.layers[0][0] for policy in policies))
+    first, second = (policy.layers[0][0] for policy in policies)
+    assert not np.array_equal(first, second)
+    assert (first[LAGS] == 0.0).all()
+    assert np.count_nonzero(first) == first.size - first[LAGS].size
 
 
 @pytest.mark.extras

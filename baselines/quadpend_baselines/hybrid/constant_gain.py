@@ -3,7 +3,8 @@
 z are the deviations of the state of `modelling.linear_model` (with the thrusts f of the rotors) from the trajectory,
 and the wind d; y are those of position, attitude and direction; and u is the action less that of the trajectory, which
 acts N periods later. Their axes are those of the heading at the last sample, turned with the vertical to n, the
-direction of the acceleration of the reference less that of gravity: there an accelerated flight is linear as hover is.
+direction of the acceleration of the reference less that of gravity, where an accelerated flight is nearly as linear as
+hover; A and B keep g.
 With A, B, C and the gain L of `lqg`'s filter,
 
     (1)  z⁻ = R(A z + B u_{k−1−N} + T g c e_ż − j)   c: cosine of the tilt from n less that of the trajectory, at
@@ -11,14 +12,15 @@ With A, B, C and the gain L of `lqg`'s filter,
     (2)  z = z⁻ + (L + s ΔL) i,                  i = y − C z⁻, limited; without a new sample i = 0
     (3)  z_N = A^N z + A^{N−1} B u_{k−N} + … + B u_{k−1}, when the next action acts
 
-s, from 0 to 1, is the squared force on the pole as a share of that from which L is that of strong wind. The filter
-knows no limit of the rotors and no other gain after a drop-out: a network that flies with it has to.
+s is that of equation (4) of `estimation.kalman`. The gain is steady from the first sample on and after a drop-out, and
+the filter knows no limit of the rotors, so it takes a saturated start for wind. A network that flies with it has to
+know these. N is the latency in whole periods, rounded.
 
-| scale                                    | of                                          |
-|------------------------------------------|---------------------------------------------|
-| that of `deviations`                     | z_N, 28                                     |
-| 0.005 m, 0.005                           | i, 8                                        |
-| 1                                        | −F z_N, F: the feedback of `lqg`, 4         |
+| part                                              | size | scale                |
+|---------------------------------------------------|------|----------------------|
+| z_N                                               | 28   | that of `deviations` |
+| i                                                 | 8    | 0.005 m, 0.005       |
+| −F z_N, F: the feedback of `lqg`                  | 4    | 1                    |
 """
 
 from functools import lru_cache
@@ -26,6 +28,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from quadpend_baselines.controllers.lqg import riccati
+from quadpend_baselines.estimation.estimate import near_angle
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.deviations import deviation_scales
 from quadpend_baselines.modelling.linear_model import (
@@ -52,7 +56,7 @@ _WIND = MODEL_STATE_SIZE + ACTION_SIZE
 _SIZE = _WIND + MODEL_DISTURBANCE_SIZE
 _RISE, _PSI, _BOB = 5, 8, _WIND + MODEL_BOB_FORCE.start
 _VECTORS, _SPATIAL = (0, 3, _WIND, 12, 14, _BOB), 3  # x components of vectors of z; the first have a z component
-_LEAST = 0.1  # m/s², apparent gravity
+_LEAST = 0.1  # of 1 + n_z, and m/s² of the apparent gravity
 _INNOVATION = 0.005  # scale
 _LIMIT, _LIMIT_RATE = 0.05, 3.0  # of i: m and rad, and these a second since the last sample
 _MOST = 100.0  # scales that bound z
@@ -75,6 +79,7 @@ class ConstantGain(NamedTuple):
     under_way: Floats  # A^{N−1} B … B, (28, 4 N)
     feedback: Floats  # −F, (4, 28)
     scales: Floats  # (28,)
+    bounds: Floats  # of z; what is measured has none, (28,)
     gust_force: float  # N
     period: float  # s
     gravity: float  # m/s²
@@ -101,16 +106,18 @@ def constant_gain(simulation: Simulation) -> ConstantGain:
     table, kept = law.estimator.tables[0][_STEADY], np.r_[0:MODEL_STATE_SIZE, _WIND:_SIZE]
     for k in range(table.shape[1] // MODEL_STATE_SIZE):
         gain[k, kept] = table[:, MODEL_STATE_SIZE * k + np.array(_MEASURED)]
-    n = round(simulation.latency / simulation.period)
+    n = int(simulation.latency / simulation.period + 0.5)
     powers = [np.linalg.matrix_power(A, k) for k in range(n + 1)]
     feedback = np.zeros((ACTION_SIZE, _SIZE))
-    feedback[:, place] = -law._law._numbers[2]
+    feedback[:, place] = -riccati(law.gains, simulation)[0]
     under_way = np.hstack([np.zeros((_SIZE, 0)), *[powers[n - 1 - k] @ B for k in range(n)]])
     p = simulation.parameters
     scales = deviation_scales(p.hover_thrust)[ACTION_SIZE:][:_SIZE]
+    bounds = _MOST * scales
+    bounds[list(_MEASURED)] = np.inf
     limit = _GUST * p.bob_mass * p.gravity
     return ConstantGain(
-        A, B, gain[0], gain[1], powers[n], under_way, feedback, scales, limit, simulation.period, p.gravity
+        A, B, gain[0], gain[1], powers[n], under_way, feedback, scales, bounds, limit, simulation.period, p.gravity
     )
 
 
@@ -125,13 +132,14 @@ def apparent_vertical(acceleration: Vec3, sine: float, cosine: float, gravity: f
 @inlined
 def to_trajectory(v: Vec3, n: Vec3) -> Vec3:
     """Return a vector, from the axes of the heading, in those that are turned with the vertical to n."""
-    along = (n.x * v.x + n.y * v.y) / (1.0 + n.z)
+    along = (n.x * v.x + n.y * v.y) / max(1.0 + n.z, _LEAST)
     return Vec3(v.x - n.x * (along + v.z), v.y - n.y * (along + v.z), dot(n, v))
 
 
 @inlined
-def _from_trajectory(v: Vec3, n: Vec3) -> Vec3:
-    along = (n.x * v.x + n.y * v.y) / (1.0 + n.z)
+def from_trajectory(v: Vec3, n: Vec3) -> Vec3:
+    """Undo `to_trajectory`."""
+    along = (n.x * v.x + n.y * v.y) / max(1.0 + n.z, _LEAST)
     return Vec3(v.x - n.x * (along - v.z), v.y - n.y * (along - v.z), n.z * v.z - n.x * v.x - n.y * v.y)
 
 
@@ -153,15 +161,15 @@ def observe(
     Args:
         numbers: The filter.
         y: Deviations in these axes, shape (n, 8).
-        sample: Yaw (rad); time since the last sample (s), 0 with one; 1 from the second step on; and the share of the
-            lift c, shape (n, 4).
+        sample: Yaw (rad); time since the last sample (s), 0 with one; 0 in the first step of an episode, else 1; and
+            the share c of the lift, shape (n, 4).
         reference: Its place and three derivatives, its yaw and the rate of it, shape (n, 14).
         action: u, shape (n, 4).
         last: The memory.
         now: The next memory.
         out: The inputs.
     """
-    A, B, gain, gust, ahead, under_way, feedback, scales, gust_force, period, gravity = numbers
+    A, B, gain, gust, ahead, under_way, feedback, scales, bounds, gust_force, period, gravity = numbers
     waiting = under_way.shape[1]
     for row in range(out.shape[0]):
         taken, begun = select(sample[row, 1] > 0.0, 0.0, 1.0), sample[row, 2]
@@ -203,7 +211,7 @@ def observe(
         for k in range(len(_VECTORS)):
             i, is_spatial = _VECTORS[k], k < _SPATIAL
             vector = Vec3(out[row, i], out[row, i + 1], out[row, i + 2] if is_spatial else 0.0)
-            vector = to_trajectory(turn3(_from_trajectory(vector, old), -sine, cosine), n)
+            vector = to_trajectory(turn3(from_trajectory(vector, old), -sine, cosine), n)
             out[row, i], out[row, i + 1] = vector.x, vector.y
             if is_spatial:
                 out[row, i + 2] = vector.z
@@ -211,13 +219,14 @@ def observe(
         limit = _LIMIT + _LIMIT_RATE * last[row, _SINCE]
         now[row, _SINCE] = sample[row, 1]
         for k in range(MEASURED_SIZE):
-            error = min(max(y[row, k] - out[row, _MEASURED[k]], -limit), limit)
+            value = near_angle(y[row, k], out[row, _PSI]) if _MEASURED[k] == _PSI else y[row, k]
+            error = min(max(value - out[row, _MEASURED[k]], -limit), limit)
             out[row, _SIZE + k] = select(begun > 0.5, select(taken > 0.5, error, 0.0), 0.0)
         pull = out[row, _BOB] * out[row, _BOB] + out[row, _BOB + 1] * out[row, _BOB + 1]
         share = min(pull / (gust_force * gust_force), 1.0)
         for i in range(_SIZE):
             found = out[row, i] + _product(gain, i, out, row, _SIZE) + share * _product(gust, i, out, row, _SIZE)
-            now[row, i] = min(max(select(begun > 0.5, found, 0.0), -_MOST * scales[i]), _MOST * scales[i])
+            now[row, i] = min(max(select(begun > 0.5, found, 0.0), -bounds[i]), bounds[i])
         for k in range(MEASURED_SIZE):
             now[row, _MEASURED[k]] = select(begun > 0.5, now[row, _MEASURED[k]], y[row, k])
             out[row, _SIZE + k] /= _INNOVATION

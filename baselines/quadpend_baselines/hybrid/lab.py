@@ -4,11 +4,11 @@ The trajectory x_d of the nominal vehicle follows the reference in still air, wh
 the time when the next action acts. m are the deviations from it, in the axes of the heading, so that no input depends
 on place or heading.
 
-A sample that repeats the one before, or lies too far from it (1), is not taken: m keeps its value, and the time g since
-the last sample grows by the control period T. With a sample, the lags of first-order filters of x = (m, u), where u is
-the last action less its a_d, with x as a line between two samples, are
+A sample that repeats position and direction of the one before, or lies too far from it (1), is not taken: m keeps its
+value, and the time g since the last sample grows by the control period T. With a sample, the lags of first-order
+filters of x = (m, u), where u is the last action less its a_d, with x as a line between two samples, are
 
-    (1)  |p − p⁻| < 0.03 m + 3 m/s · g                     ⁻: at the last sample
+    (1)  |p − p⁻| < 0.03 m + (3 m/s + |v_d|) g             ⁻: at the last sample; v_d: of the reference
     (2)  L = e^{−g/τ} L⁻ + (1 − e^{−g/τ}) τ/g (x − x⁻),    τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   L = 0 at the start
 
 L is about τ ẋ where x changes slowly. From L a network can infer velocities, the response to its actions, mean wind and
@@ -17,15 +17,15 @@ biases of any vehicle; from the filter of `constant_gain` those of the nominal o
 | part                                                                                     | size | scale              |
 |------------------------------------------------------------------------------------------|------|--------------------|
 | m: tracking error (m); r_x r_y and φ θ less those of the trajectory; ψ_e (rad)           | 8    | 0.05 m, 0.05, 0.1  |
-| u; g is T for it                                                                         | 4    | 0.2                |
+| u, with g = T in (2)                                                                     | 4    | 0.2                |
 | L for each τ                                                                             | 60   | as m and u         |
 | a_d                                                                                      | 4    | 1                  |
-| acceleration of the reference then in the axes of the heading, and the rate of its yaw   | 4    | 2 m/s², 1 rad/s    |
-| velocity of the reference in these axes                                                  | 3    | 2 m/s              |
+| acceleration of the reference then, in the axes of the heading, and the rate of its yaw  | 4    | 2 m/s², 1 rad/s    |
+| its velocity then in these axes                                                          | 3    | 2 m/s              |
 | time since the last sample                                                               | 1    | 0.05 s             |
 | believed length and mass of the pole                                                     | 2    | of the observation |
 | filter of constant gain, and its innovation, see `constant_gain`                         | 36   | its own            |
-| a_n = a_d − F z_N, F z_N within ±0.3: the linear feedback of `lqg`                       | 4    | 1                  |
+| a_n = a_d − F z_N, each component of F z_N within ±0.3 and of a_n within ±1              | 4    | 1                  |
 """
 
 from typing import Any, NamedTuple
@@ -56,7 +56,7 @@ from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE, ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, POSITION
-from quadpend_gym.physics.vectors import Vec3, axpy, multiply, store, store_four
+from quadpend_gym.physics.vectors import Vec3, axpy, load, multiply, norm, store, store_four
 from quadpend_gym.tasks.observation import LAB
 
 _TIMES = np.array([0.02, 0.06, 0.2, 0.6, 2.0])  # τ, s
@@ -158,13 +158,14 @@ def _filter(
     """Write u, the other inputs and the next memory, equations (1) and (2)."""
     for row in range(out.shape[0]):
         measured, begun, gap = found.measured, last[row, _BEGUN], last[row, _SINCE] + period
+        speed = _SPEED + norm(load(found.reference.T, 3, row))
         changed = distance = 0.0
         for i in range(3):
             step = measured[row, POSITION + i] - last[row, _SAMPLE + i]
             turned = measured[row, DIRECTION + i] - last[row, _SAMPLE + 3 + i]
             distance += step * step
             changed += step * step + turned * turned
-        is_taken = select(changed > _SAME**2, select(distance < (_FAR + _SPEED * gap) ** 2, 1.0, 0.0), 0.0)
+        is_taken = select(changed > _SAME**2, select(distance < (_FAR + speed * gap) ** 2, 1.0, 0.0), 0.0)
         is_taken = select(begun > 0.5, is_taken, 1.0)
         for i in range(3):
             place = _SAMPLE + i

@@ -4,22 +4,25 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
 
 from quadpend_baselines.controllers.lqg import evaluate
 from quadpend_baselines.estimation.estimate import nominal
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid.constant_gain import constant_gain
+from quadpend_baselines.hybrid.constant_gain import apparent_vertical, constant_gain, from_trajectory, to_trajectory
 from quadpend_baselines.hybrid.lab import FILTER, lab_part
 from quadpend_baselines.hybrid.parts import Seen
 from quadpend_baselines.registry import controller
+from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.tasks.observation import LAB
 
-ROWS, POSITIONS, RATES = 4, slice(0, 16), slice(3, 6)
+ROWS, POSITIONS = 4, slice(0, 16)
 
 
-def flown(name: str, steps: int, jump: int | None = None) -> tuple[Any, Any, Any]:
-    """Return z of `lqg` and of the filter, and its innovations, while `lqg` flies; from step `jump` on 0.5 m aside."""
+def flown(name: str, steps: int, change: Any = None) -> tuple[Any, Any, Any]:
+    """Return z of `lqg` and of the filter, and its innovations, while `lqg` flies on changed observations."""
     scenario = find_scenario(name)
     policy: Any = controller("lqg").designed_for(scenario.simulation, Loop.known(scenario))
     part, env = lab_part(scenario.simulation), scenario.make_vec(ROWS)
@@ -27,11 +30,9 @@ def flown(name: str, steps: int, jump: int | None = None) -> tuple[Any, Any, Any
     own, action, started = np.zeros((ROWS, part.memory_size)), np.zeros((ROWS, 4), np.float32), np.ones(ROWS, np.bool_)
     memory, expected, found = None, [], []
     for step in range(steps):
-        if jump is not None and step >= jump:
-            observation = observation.copy()
-            observation[:, LAB.columns["reference_0"].start] += 0.5
         memory = policy.update(observation, memory, started)
-        inputs, own = part.function(part.numbers, Seen(observation, action, *[np.zeros((ROWS, 4))] * 3), own)
+        given = change(step, observation.copy()) if change else observation
+        inputs, own = part.function(part.numbers, Seen(given, action, *[np.zeros((ROWS, 4))] * 3), own)
         later = policy.estimator.prediction.carry_forward(memory.estimate, memory.action)
         expected.append(evaluate(policy._law, nominal(later))[2])
         found.append(inputs[:, FILTER])
@@ -51,13 +52,50 @@ def test_it_is_the_observer_of_lqg_near_hover_and_on_a_reference() -> None:
         assert (np.delete(error, left_out) < share).all(), error
 
 
-def test_a_jump_of_the_reference_is_no_motion() -> None:
-    """Only the tracking error jumps: no velocity, and no innovation."""
-    _, still, _ = flown("flight_breeze", 60)
-    _, jumped, innovation = flown("flight_breeze", 51, jump=50)
-    np.testing.assert_allclose(jumped[50, :, 0:2] - still[50, :, 0:2], np.tile([-0.5, 0.0], (ROWS, 1)), atol=0.2)
-    np.testing.assert_allclose(jumped[50, :, RATES], still[50, :, RATES], atol=0.02)
-    assert np.abs(innovation).max() < 2.0
+@pytest.mark.parametrize(("field", "distance"), [("reference_0", 0.5), ("reference_0", 8.0), ("yaw_reference", 3.3)])
+def test_a_jump_of_the_reference_is_no_motion(field: str, distance: float) -> None:
+    """Tracking error and yaw jump alone: no velocity, and no innovation, which is as large as before."""
+
+    def jumped(step: int, observation: Any) -> Any:
+        observation[:, LAB.columns[field].start] += distance * (step >= 50)
+        return observation
+
+    _, still, noise = flown("flight_breeze", 56)
+    _, states, innovation = flown("flight_breeze", 56, jumped)
+    np.testing.assert_allclose(states[50:, :, 3:8], still[50:, :, 3:8], atol=2e-3)
+    np.testing.assert_allclose(np.abs(innovation).max(), np.abs(noise).max(), rtol=0.1)
+    moved = states[50, :, 8] - still[50, :, 8] if field == "yaw_reference" else np.hypot(*states[50, :, :2].T)
+    np.testing.assert_allclose(np.abs(moved), distance, rtol=0.1)
+
+
+def test_it_predicts_through_missing_samples() -> None:
+    """For 50 ms, in which `lqg` sees them."""
+    held: list[Any] = []
+
+    def missing(step: int, observation: Any) -> Any:
+        if 50 <= step < 55:
+            observation[:, :10] = held[-1]
+        held.append(observation[:, :10].copy())
+        return observation
+
+    expected, states, innovation = flown("flight_breeze", 60, missing)
+    assert (innovation[50:55] == 0.0).all()
+    np.testing.assert_allclose(states[50:, :, 0:3], expected[50:, :, 0:3], atol=5e-3)
+    np.testing.assert_allclose(states[50:, :, 6:8], expected[50:, :, 6:8], atol=0.02)
+
+
+def test_axes_turn_with_the_apparent_gravity() -> None:
+    for acceleration in ((0.0, 0.0, 0.0), (3.0, -2.0, 1.0), (0.5, 0.0, -9.0)):
+        n = apparent_vertical(Vec3(*acceleration), np.sin(0.4), np.cos(0.4), 9.81)
+        axis = np.cross(n, [0.0, 0.0, 1.0])
+        size = np.linalg.norm(axis)
+        turn = Rotation.from_rotvec(axis / max(size, 1e-9) * np.arctan2(size, n.z))
+        vector = np.array([0.3, -0.2, 0.5])
+        np.testing.assert_allclose(to_trajectory(Vec3(*vector), n), turn.apply(vector), atol=1e-12)
+        np.testing.assert_allclose(from_trajectory(Vec3(*turn.apply(vector)), n), vector, atol=1e-12)
+    assert np.isfinite(
+        to_trajectory(Vec3(0.1, 0.2, 0.3), apparent_vertical(Vec3(0.0, 0.0, -12.0), 0.0, 1.0, 9.81))
+    ).all()
 
 
 def test_the_latency_is_in_the_memory() -> None:
