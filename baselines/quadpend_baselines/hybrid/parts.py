@@ -23,7 +23,7 @@ _MAGNIFICATION = 10.0  # factor on small deviations in the observation of a `Res
 class Seen(NamedTuple):
     """What a control step knows before the network acts, arrays of n rows."""
 
-    observation: Any  # errors, shape (n, 36), or (n, 27) without velocities
+    observation: Any  # errors, shape (n, 36), (n, 27) without velocities, or `LAB`, (n, 37)
     action: Any  # the last applied action, shape (n, 4); zeros at the start of an episode
     base_action: Any  # the action of the base controller, shape (n, 4); zeros if it does not act
     estimate: Any  # the estimate of the base controller's observers, shape (n, k)

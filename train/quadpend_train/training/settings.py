@@ -45,9 +45,9 @@ class HybridSettings:
     base_controller: str = ""
     """Name of the base controller; empty for a policy without a base controller."""
     mode: Literal["estimate_only", "memory_only", "lab_only", "residual_action"] = "estimate_only"
-    """Use of the policy's action. estimate_only: alone, on the base controller's estimates; memory_only, lab_only:
-    alone, on a memory of the measured errors or of the observation lab; residual_action: added to the base
-    controller's."""
+    """Use of the policy's action. estimate_only: alone, on the base controller's estimates; memory_only: alone, on a
+    memory of the measured errors; lab_only: added to the linear feedback of a memory of the observation lab;
+    residual_action: added to the base controller's."""
     situation: bool = False
     """Also observe noise and wind of the last second, with estimate_only."""
     deviations: bool = False
