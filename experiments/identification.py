@@ -124,7 +124,7 @@ def simulated(vehicles: int, first: int = 0, sides: tuple[float, ...] = (0.0,)) 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
     """Return for each quantity how often it is identified, the median and largest error, and the coverage."""
     known = table[table.identified]
-    error = (known.value / known.true - 1.0).abs()
+    error = (known.value / known.true.mask(known.true == 0.0) - 1.0).abs()
     covered = (known.low <= known.true) & (known.true <= known.high)
     groups = known.quantity
     parts = {

@@ -158,6 +158,14 @@ def test_a_file_may_have_several_flights(tmp_path: Path) -> None:
         read_log(tmp_path / "log.csv")
 
 
+def test_a_table_of_columns_serves_flights_with_and_without_a_pole() -> None:
+    columns = Columns(pole_direction=("rx", "ry", "rz"))
+    assert make_log("bare", whole(), columns).pole is None
+    assert make_log("pole", whole().assign(rx=0.0, ry=0.0, rz=1.0), columns).pole is not None
+    with pytest.raises(ValueError, match="no column 'rz'"):
+        make_log("torn", whole().assign(rx=0.0, ry=0.0), columns)
+
+
 def test_a_column_has_one_meaning() -> None:
     with pytest.raises(ValueError, match="columns must name 'm1' once"):
         Columns(motors=("m1", "m2", "m1", "m4"))
