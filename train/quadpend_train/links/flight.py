@@ -7,11 +7,14 @@ period. The operator's keys are requests; the stage is that of the supervisor.
 
 import csv
 import gc
+import os
 import select
 import signal
 import socket
 import time
-from contextlib import suppress
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -167,7 +170,7 @@ def fly(
     gc.collect()
     gc.disable()  # its pauses are longer than a step
     try:
-        with path.open("x", newline="", encoding="utf-8", buffering=1) as file:
+        with _guarded(link), path.open("x", newline="", encoding="utf-8", buffering=1) as file:
             return _fly(policy, source, link, curve, csv.writer(file), _Place(step, fence), operator)
     except KeyboardInterrupt as interruption:
         interruption.args = ("the autopilot was told to disarm",)
@@ -175,12 +178,39 @@ def fly(
     finally:
         signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
         gc.enable()
-        for _ in range(_REPEATS):
-            with suppress(Exception):
-                link.send(np.zeros(4), False)
-            time.sleep(_REPEATED)
+        _disarm(link)
         link.close()
         signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+
+
+def _disarm(link: Link) -> None:
+    for _ in range(_REPEATS):
+        with suppress(Exception):
+            link.send(np.zeros(4), False)
+        time.sleep(_REPEATED)
+
+
+@contextmanager
+def _guarded(link: Link) -> Iterator[None]:
+    """Let a second process disarm at once if this one is killed: the failsafe of the autopilot takes longer."""
+    ours, theirs = socket.socketpair()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads, on which sending does not wait
+        child = os.fork()
+    if child == 0:
+        ours.close()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
+        if not theirs.recv(1):
+            _disarm(link)
+        os._exit(0)
+    theirs.close()
+    try:
+        yield
+    finally:
+        with ours:
+            ours.send(b"e")
+            os.waitpid(child, 0)
 
 
 def _fly(
