@@ -49,7 +49,7 @@ from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, norm, scale, sto
 from quadpend_gym.tasks.observation import LAB
 
 _STEADY = 99  # row of the gains of the Kalman filter that stays
-_NOISE = (0.0005, 0.001, 0.0006)  # standard deviations of motion capture: m, rad and rad
+NOISE = (0.0005, 0.001, 0.0006)  # standard deviations of motion capture: m, rad and rad
 _GUST = 0.02  # s = 1 from this force on, share of the weight of the pole
 _MEASURED = (0, 1, 2, 6, 7, 8, 12, 13)  # of z
 _WIND = MODEL_STATE_SIZE + ACTION_SIZE
@@ -91,9 +91,9 @@ class ConstantGain(NamedTuple):
         return size
 
 
-@lru_cache(maxsize=32)
-def constant_gain(simulation: Simulation) -> ConstantGain:
-    """Return the filter of a nominal vehicle; its latency counts in whole periods."""
+@lru_cache(maxsize=256)  # one for each length of a pole that is told
+def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NOISE) -> ConstantGain:
+    """Return the filter of a nominal vehicle for the known noise of `Loop`, which counts at least as `NOISE`."""
     model = linearise_actions(simulation)
     states = len(model.transition)
     place = np.r_[0:states, _WIND:_SIZE]
@@ -102,7 +102,8 @@ def constant_gain(simulation: Simulation) -> ConstantGain:
     A[np.ix_(place[:states], place[:states])], A[:states, _WIND:], B[:states] = (
         model.transition, model.disturbance, model.input,
     )  # fmt: skip
-    law: Any = controller("lqg").designed_for(simulation, Loop(noise=_NOISE, observation=LAB))
+    position, euler, direction = map(max, noise, NOISE)
+    law: Any = controller("lqg").designed_for(simulation, Loop(noise=(position, euler, direction), observation=LAB))
     table, kept = law.estimator.tables[0][_STEADY], np.r_[0:MODEL_STATE_SIZE, _WIND:_SIZE]
     for k in range(table.shape[1] // MODEL_STATE_SIZE):
         gain[k, kept] = table[:, MODEL_STATE_SIZE * k + np.array(_MEASURED)]

@@ -306,7 +306,7 @@ class LabOnly(MemoryOnly):
 
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
-        return (lab_part(self.controller.simulation),)
+        return (lab_part(self.controller.simulation, self.controller.loop.noise),)
 
     def builds_on(self, inputs: Any, base_action: Any) -> Any:
         """Return the action of the linear feedback; see `Hybrid.builds_on`."""

@@ -38,7 +38,9 @@ from quadpend_baselines.estimation.measurement import measure_in_world
 from quadpend_baselines.estimation.prediction import move_reference, store_drag
 from quadpend_baselines.hybrid.constant_gain import (
     MEASURED_SIZE,
+    NOISE,
     OBSERVED_SIZE,
+    ConstantGain,
     apparent_vertical,
     constant_gain,
     observe,
@@ -191,10 +193,11 @@ def _filter(
                 out[row, _LAG + _SIZE * j + i] = now[row, place]
 
 
-def _lab(simulation: Simulation, seen: Seen, memory: Any) -> tuple[Any, Any]:
+def _lab(known: tuple[Simulation, ConstantGain], seen: Seen, memory: Any) -> tuple[Any, Any]:
     LAB.check(seen.observation)
     observed, action = seen.observation.astype(np.float64), seen.action.astype(np.float64)
-    rows, model, numbers = len(observed), equivalent_model(simulation), constant_gain(simulation)
+    simulation, numbers = known
+    rows, model = len(observed), equivalent_model(simulation)
     sizes = LOOP, ACTION_SIZE, RIGID_SIZE, MEASURED_SIZE, 4, 14
     found = Deviations(*[np.zeros((rows, size)) for size in sizes])
     out, now, u = np.empty((rows, _OWN_SIZE)), np.empty((rows, _OWN_MEMORY)), np.empty((rows, ACTION_SIZE))
@@ -208,6 +211,7 @@ def _lab(simulation: Simulation, seen: Seen, memory: Any) -> tuple[Any, Any]:
     return np.concatenate([out, estimated[:, :-ACTION_SIZE], near], axis=1), np.concatenate([now, after], axis=1)
 
 
-def lab_part(simulation: Simulation) -> InputPart:
-    """Return the inputs of the table for a nominal vehicle."""
-    return InputPart(LAB_SIZE, _OWN_MEMORY + constant_gain(simulation).memory_size, _lab, simulation)
+def lab_part(simulation: Simulation, noise: tuple[float, float, float] = NOISE) -> InputPart:
+    """Return the inputs of the table for a nominal vehicle and the known noise of its `Loop`."""
+    numbers = constant_gain(simulation, noise)
+    return InputPart(LAB_SIZE, _OWN_MEMORY + numbers.memory_size, _lab, (simulation, numbers))
