@@ -135,7 +135,7 @@ FLIGHTS: dict[str, dict[str, Parts]] = {
     "lqg": CLASSICAL,
     "swing-up": {**SWING_UP, **RIGID},
     **dict.fromkeys(("apg", "ppo-alone", "sac-alone"), PAPER),
-    **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops", "apg-vehicles-safe"), HUMMINGBIRD),
+    **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops", "apg-vehicles-safe", "lab"), HUMMINGBIRD),
     **dict.fromkeys(("ppo-swing-up", "ppo-swing-up-wind"), SWING_UP),
 }
 LEARNED = ("apg", "ppo-", "sac-")  # beginnings of their names

@@ -28,7 +28,7 @@ from quadpend_train.evaluation.ranking import gentle, multiple, survivors
 from quadpend_train.reports import figures, tables
 
 POLICIES = "lqg", "dual-mode", "flatness", "lqi", "adrc-matched", "adrc-paper", "apg-flight"
-MARKERS, FEW = "os^vDP*X<>ph", 10  # more scenarios of a training are not listed
+MARKERS = "os^vDP*X<>ph"
 FEWER = "lqi", "adrc-matched", "adrc-paper"  # have no columns in the two largest tables of the page
 FOLDER, ROWS = DOCS / "flight", 10  # rows of the table in the README
 EVENTS = events(SCENARIOS[BASE])
@@ -137,11 +137,10 @@ def origins(found: Comparison) -> str:
         card, search = cards[0], tuned("hummingbird").get(policy)
         text = f"`{search.command.replace(f' {policy} ', ' NAME ')}`" if search else "by hand"
         if card:
-            names = [item if isinstance(item, str) else item["name"] for item in card["settings"]["scenarios"]]
-            seconds = np.mean([item["seconds"] for item in cards])
-            where = ", ".join(f"`{name}`" for name in names)
-            if len(names) > FEW:
-                where = f"{len(names)} scenarios of `train/{card['settings']['algo']}.py`"
+            script, seconds = card.get("script"), np.mean([item["seconds"] for item in cards])
+            scenarios = (script or card["settings"])["scenarios"]
+            names = [f"`{item if isinstance(item, str) else item['name']}`" for item in scenarios]
+            where = f"{len(names)} scenarios of `{script['file']}`" if script else ", ".join(names)
             text = f"{card['steps']:,} steps and {seconds:.0f} s in {where}"
         if len(seeds) > 1:
             lengths = list(found.references.values())

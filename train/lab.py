@@ -660,7 +660,7 @@ class Trainer:
         steps = len(args.scenarios) * args.rows * (STEPS * args.imitation + WINDOW * args.gradients)
         device = torch.cuda.get_device_name() if cuda else "c"
         card: dict[str, Any] = {"format": FORMAT, "activation": "elu", "squashed": False, "provenance": provenance()}
-        card |= {"hybrid": {"kind": "lab_only", "base_controller": "lqg"}, "settings": {**how, "algo": "lab"}}
+        card |= {"hybrid": {"kind": "lab_only", "base_controller": "lqg"}, "script": {"file": "train/lab.py", **how}}
         card |= {"interface": "body_rates", "vehicle": "hummingbird", "device": device}
         card |= {"steps": steps, "seconds": round(seconds)}
         layers = [*zip(self.networks.weights, self.networks.biases, strict=True)]

@@ -83,6 +83,7 @@ class Hybrid:
     kind: ClassVar[str]  # the key of the class in `HYBRIDS`
     # What the policy's observation is made of; measurements are errors, or with "lab" those of `LAB` in the world
     reads: ClassVar[Reads] = "estimates"
+    output: ClassVar[float] = 1.0  # factor on the action of a policy that acts alone, see `builds_on`
     flies_load: ClassVar[bool] = False  # whether it also flies a hanging pendulum
     observers: ClassVar[tuple[ObserverKind, ...]] = ("kalman", "deso")  # those of the base controllers that it takes
     base_controller: Any  # one of `quadpend_baselines.CONTROLLERS`, or an object
@@ -295,6 +296,7 @@ class LabOnly(MemoryOnly):
 
     kind: ClassVar[str] = "lab_only"
     reads = "lab"
+    output = OUTPUT
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid with its teacher, which reads `LAB`, too."""
@@ -313,7 +315,7 @@ class LabOnly(MemoryOnly):
         return inputs[:, NEAR]
 
     def _applied(self, action: Floats32, base_action: Floats32) -> Floats32:
-        applied: Floats32 = np.clip(base_action + np.float32(OUTPUT) * action, -1.0, 1.0)
+        applied: Floats32 = np.clip(base_action + np.float32(self.output) * action, -1.0, 1.0)
         return applied
 
 

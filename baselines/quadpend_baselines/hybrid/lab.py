@@ -40,7 +40,6 @@ from quadpend_baselines.hybrid.constant_gain import (
     MEASURED_SIZE,
     NOISE,
     OBSERVED_SIZE,
-    ConstantGain,
     apparent_vertical,
     constant_gain,
     observe,
@@ -193,10 +192,10 @@ def _filter(
                 out[row, _LAG + _SIZE * j + i] = now[row, place]
 
 
-def _lab(known: tuple[Simulation, ConstantGain], seen: Seen, memory: Any) -> tuple[Any, Any]:
+def _lab(known: tuple[Simulation, tuple[float, float, float]], seen: Seen, memory: Any) -> tuple[Any, Any]:
     LAB.check(seen.observation)
     observed, action = seen.observation.astype(np.float64), seen.action.astype(np.float64)
-    simulation, numbers = known
+    simulation, numbers = known[0], constant_gain(*known)
     rows, model = len(observed), equivalent_model(simulation)
     sizes = LOOP, ACTION_SIZE, RIGID_SIZE, MEASURED_SIZE, 4, 14
     found = Deviations(*[np.zeros((rows, size)) for size in sizes])
@@ -213,5 +212,5 @@ def _lab(known: tuple[Simulation, ConstantGain], seen: Seen, memory: Any) -> tup
 
 def lab_part(simulation: Simulation, noise: tuple[float, float, float] = NOISE) -> InputPart:
     """Return the inputs of the table for a nominal vehicle and the known noise of its `Loop`."""
-    numbers = constant_gain(simulation, noise)
-    return InputPart(LAB_SIZE, _OWN_MEMORY + numbers.memory_size, _lab, (simulation, numbers))
+    memory_size = _OWN_MEMORY + constant_gain(simulation, noise).memory_size
+    return InputPart(LAB_SIZE, memory_size, _lab, (simulation, noise))

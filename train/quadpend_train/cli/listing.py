@@ -41,9 +41,13 @@ def _policies() -> Rows:
 
 def _learned(name: str) -> str:
     card = MlpPolicy.load(name).card
-    survival, rmse = card["score"]["survival"], card["score"]["penalised_rmse"]
-    algo, hybrid = card["settings"]["algo"].upper(), card["hybrid"]
+    hybrid = card["hybrid"]
     base = f", {hybrid['kind']} of {hybrid['base_controller']}" if hybrid else ""
+    if "script" in card:
+        return (
+            f"{card['script']['file']}{base}: {card['steps']:,} steps in {len(card['script']['scenarios'])} scenarios"
+        )
+    survival, rmse, algo = card["score"]["survival"], card["score"]["penalised_rmse"], card["settings"]["algo"].upper()
     return f"{algo}{base}: survival {survival:.1%}, penalised RMSE {1e3 * rmse:.1f} mm in training scenarios"
 
 

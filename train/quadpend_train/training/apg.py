@@ -91,7 +91,7 @@ class APG(OnPolicyAlgorithm):
         self._falls, costs, settled = 0, torch.zeros(env.num_envs, 2, dtype=torch.float64), []
         for _ in range(self.apg.window):
             action = self._mean_action(observation)
-            applied = action if hybrid is None else action + hybrid.builds_on(observation, 0.0)
+            applied = action if hybrid is None else hybrid.output * action + hybrid.builds_on(observation, 0.0)
             time = everything[0].simulation.period * (1.0 + _gather(everything, "clock"))
             reference = _gather(everything, "reference")
             is_scored = time > self._unscored

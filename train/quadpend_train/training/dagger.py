@@ -97,8 +97,9 @@ class Imitation:
             self._step(self.model.predict(self.observation, deterministic=True)[0], noise)
 
     def _base_action(self) -> Any:
-        """Return the labels: the actions of the base controllers less those on which the policy builds."""
-        return np.concatenate([wrapper.base_action - wrapper.built_on for wrapper in self.wrappers])
+        """Return the labels: the actions of the base controllers as those of the policy."""
+        found = [(wrapper.base_action - wrapper.built_on) / wrapper.hybrid.output for wrapper in self.wrappers]
+        return np.concatenate(found)
 
     def _step(self, action: Any, noise: Any) -> None:
         noisy = action + noise * self.random.normal(size=action.shape)

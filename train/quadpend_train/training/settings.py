@@ -257,7 +257,7 @@ def read_settings(name: str) -> TrainSettings:
 def settings_of_card(card: Mapping[str, Any], name: str) -> TrainSettings:
     """Return the settings with which the policy `name` was trained, from its card."""
     if "settings" not in card:
-        raise ValueError(f"the card of {name} has no settings: the policy was exported, not trained here")
+        raise ValueError(f"the card of {name} has no settings: the policy was exported, or a script trained it")
     return from_mapping(card["settings"], f"the card of {name}")
 
 
