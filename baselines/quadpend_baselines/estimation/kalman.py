@@ -89,14 +89,14 @@ from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.physics.vectors import Vec3, load, scale, store, store_four
 
-_VARYING_STEPS = 100  # corrections after which the gain is constant
+VARYING_STEPS = 100  # corrections after which the gain is constant
 MAX_ESTIMATE = 300.0  # SI units, limit of disturbance estimates; a larger state estimate restarts the observer
 _LEAST_MASS, _GREATEST_MASS = 0.5, 2.0  # bounds of μ̂
-_GUST = 0.02  # force on the bob above which equation (4) has the gain of strong wind, share of its weight
+GUST = 0.02  # force on the bob above which equation (4) has the gain of strong wind, share of its weight
 _MODEL_PARTS = linear_model.MODEL_FORCE, linear_model.MODEL_BOB_FORCE, linear_model.MODEL_TORQUE
 _FORCE, _BOB_FORCE, _TORQUE = (MODEL_STATE_SIZE + part.start for part in _MODEL_PARTS)
 # Columns of x that output feedback measures
-_MEASURED_COLUMNS = np.r_[linear_model.POSITION, linear_model.EULER, linear_model.PENDULUM]
+MEASURED_COLUMNS = np.r_[linear_model.POSITION, linear_model.EULER, linear_model.PENDULUM]
 # Standard deviations of the estimates at the start of an episode
 _INITIAL_FORCE, _INITIAL_BOB_FORCE, _INITIAL_TORQUE = 1.0, 0.1, 0.1  # N, N, N·m
 _INITIAL_RATE = 0.1  # of every rate that is not measured, SI units
@@ -179,7 +179,7 @@ def correct(
     for i in range(gain.shape[0]):
         buffer[i, 0] = _corrected(gain, i, 0, x)
     if gain.shape[1] > MODEL_STATE_SIZE:
-        limit = _GUST * p.bob_mass * p.gravity
+        limit = GUST * p.bob_mass * p.gravity
         share = min((d.bob_force.x * d.bob_force.x + d.bob_force.y * d.bob_force.y) / (limit * limit), 1.0)
         for i in range(gain.shape[0]):
             buffer[i, 0] += share * _corrected(gain, i, MODEL_STATE_SIZE, x)
@@ -354,9 +354,9 @@ def _gain_table(
     fields = linear_model.POSITION, linear_model.EULER, linear_model.PENDULUM
     for columns, known in zip(fields, known_noise, strict=True):
         noise[columns] = max(gains.noise, known) ** 2
-    is_rate = np.setdiff1d(np.arange(MODEL_STATE_SIZE), _MEASURED_COLUMNS)
+    is_rate = np.setdiff1d(np.arange(MODEL_STATE_SIZE), MEASURED_COLUMNS)
     noise[is_rate] = gains.rate_noise**2
-    measured = np.arange(MODEL_STATE_SIZE) if has_rates else _MEASURED_COLUMNS
+    measured = np.arange(MODEL_STATE_SIZE) if has_rates else MEASURED_COLUMNS
     output = np.eye(size)[measured]
     initial_disturbance = _model_disturbance(_INITIAL_FORCE, _INITIAL_BOB_FORCE, _INITIAL_TORQUE)
     if gains.models_loop:
@@ -365,14 +365,14 @@ def _gain_table(
     if not has_rates:
         variance[is_rate] = _INITIAL_RATE**2
     covariance = np.diag(variance)
-    table = np.zeros((_VARYING_STEPS + COASTS, size, MODEL_STATE_SIZE))
+    table = np.zeros((VARYING_STEPS + COASTS, size, MODEL_STATE_SIZE))
     kept = np.r_[:MODEL_STATE_SIZE, states:size]
     for step in range(len(table)):
         predicted = transition @ covariance @ transition.T + process
         gain = np.linalg.solve(output @ predicted @ output.T + np.diag(noise[measured]), output @ predicted).T
         error_transition = np.eye(size) - gain @ output
         corrected = error_transition @ predicted @ error_transition.T + gain @ np.diag(noise[measured]) @ gain.T
-        covariance = corrected if step < _VARYING_STEPS else predicted
+        covariance = corrected if step < VARYING_STEPS else predicted
         table[step][:, measured] = gain
     return np.ascontiguousarray(table[:, kept])
 

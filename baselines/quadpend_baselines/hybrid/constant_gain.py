@@ -30,6 +30,7 @@ import numpy as np
 
 from quadpend_baselines.controllers.lqg import riccati
 from quadpend_baselines.estimation.estimate import near_angle
+from quadpend_baselines.estimation.kalman import GUST, MEASURED_COLUMNS, VARYING_STEPS
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.deviations import deviation_scales
 from quadpend_baselines.modelling.linear_model import (
@@ -48,10 +49,8 @@ from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, norm, scale, store
 from quadpend_gym.tasks.observation import LAB
 
-_STEADY = 99  # row of the gains of the Kalman filter that stays
 NOISE = (0.0005, 0.001, 0.0006)  # standard deviations of motion capture: m, rad and rad
-_GUST = 0.02  # s = 1 from this force on, share of the weight of the pole
-_MEASURED = (0, 1, 2, 6, 7, 8, 12, 13)  # of z
+_MEASURED = tuple(MEASURED_COLUMNS.tolist())  # of z
 _WIND = MODEL_STATE_SIZE + ACTION_SIZE
 _SIZE = _WIND + MODEL_DISTURBANCE_SIZE
 _RISE, _PSI, _BOB = 5, 8, _WIND + MODEL_BOB_FORCE.start
@@ -104,7 +103,7 @@ def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NO
     )  # fmt: skip
     position, euler, direction = map(max, noise, NOISE)
     law: Any = controller("lqg").designed_for(simulation, Loop(noise=(position, euler, direction), observation=LAB))
-    table, kept = law.estimator.tables[0][_STEADY], np.r_[0:MODEL_STATE_SIZE, _WIND:_SIZE]
+    table, kept = law.estimator.tables[0][VARYING_STEPS - 1], np.r_[0:MODEL_STATE_SIZE, _WIND:_SIZE]
     for k in range(table.shape[1] // MODEL_STATE_SIZE):
         gain[k, kept] = table[:, MODEL_STATE_SIZE * k + np.array(_MEASURED)]
     n = int(simulation.latency / simulation.period + 0.5)
@@ -116,7 +115,7 @@ def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NO
     scales = deviation_scales(p.hover_thrust)[ACTION_SIZE:][:_SIZE]
     bounds = _MOST * scales
     bounds[list(_MEASURED)] = np.inf
-    limit = _GUST * p.bob_mass * p.gravity
+    limit = GUST * p.bob_mass * p.gravity
     return ConstantGain(
         A, B, gain[0], gain[1], powers[n], under_way, feedback, scales, bounds, limit, simulation.period, p.gravity
     )
@@ -232,8 +231,7 @@ def observe(
             now[row, _MEASURED[k]] = select(begun > 0.5, now[row, _MEASURED[k]], y[row, k])
             out[row, _SIZE + k] /= _INNOVATION
         for i in range(_SIZE):
-            found = _product(ahead, i, now, row, 0) + _product(under_way, i, now, row, _UNDER_WAY)
-            out[row, i] = found
+            out[row, i] = _product(ahead, i, now, row, 0) + _product(under_way, i, now, row, _UNDER_WAY)
         for i in range(ACTION_SIZE):
             out[row, OBSERVED_SIZE - ACTION_SIZE + i] = _product(feedback, i, out, row, 0)
         for i in range(_SIZE):
