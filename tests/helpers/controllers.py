@@ -13,11 +13,12 @@ from quadpend_baselines.estimation.estimate import LOOP, Estimate
 from quadpend_baselines.gains import tuning
 from quadpend_baselines.hybrid import Hybrid
 from quadpend_baselines.modelling.equivalent import equivalent_model
-from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
+from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_baselines.registry import controller_of
 from quadpend_gym import Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.euler_kernel import advance
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, Disturbance, State
 from quadpend_gym.vehicles import Pole, Vehicle
 
@@ -122,7 +123,7 @@ def simulate_with_true_state(
     for step in range(steps):
         measurement = measurement_of(state, reference, step * simulation.period)
         command, memory = law.command(true_estimate(measurement, disturbance), memory)
-        command = to_command(to_action(command, simulation), simulation)
+        command = plant_of(simulation).command(to_action(command, simulation))
         callback(measurement, command, memory)
         advance(state, command, disturbances, parameters, simulation.period, simulation.substeps)
     return state

@@ -29,6 +29,7 @@ CasADi is an extra: ``pip install 'quadpend-gym[mpc]'``.
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
+from math import factorial
 from threading import Lock
 from typing import Annotated, Any, NamedTuple
 
@@ -37,8 +38,7 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from quadpend_baselines.controllers.law import Law
 from quadpend_baselines.controllers.lqr import LqrGains, weights
-from quadpend_baselines.controllers.reference_horizon import reference_horizon
-from quadpend_baselines.estimation.estimate import Estimate
+from quadpend_baselines.estimation.estimate import ORDERS, Estimate
 from quadpend_baselines.gains import Count, EstimatorGains, Scale
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import (
@@ -212,12 +212,25 @@ class Nmpc(Law):
         return np.hstack([state[:, STATE_COLUMNS], memory[:, ROTOR_THRUST:]])[:, : self.size]
 
     def _horizon(self, estimate: Estimate) -> Horizon:
+        """Return the reference, extrapolated by its Taylor polynomial of order 6, under the estimated disturbance."""
         simulation, (rows, steps) = self.simulation, (len(estimate.state), self.gains.periods + 1)
-        period = self.steps * simulation.period
-        found = reference_horizon(estimate, simulation, period, self.gains.periods)
-        state, command = (np.concatenate(np.swapaxes(part, 0, 1)) for part in (found.state, found.command))
+        period, derivatives = self.steps * simulation.period, estimate.reference[:, np.newaxis]
+        t = period * np.arange(steps)
+        future = np.zeros((rows, steps, ORDERS, 3))
+        for order in range(ORDERS):
+            for power in range(ORDERS - order):
+                future[:, :, order] += (t**power / factorial(power))[:, np.newaxis] * derivatives[:, :, order + power]
+        yaw, rate, acceleration = (column[:, np.newaxis] for column in estimate.yaw.T)
+        turned = yaw + t * rate + t**2 / 2 * acceleration, rate + t * acceleration, acceleration
+        yaws = np.stack(np.broadcast_arrays(*turned), axis=-1).reshape(-1, 3)
         disturbance, plant = np.repeat(estimate.disturbance, steps, axis=0), plant_of(simulation)
-        command = equivalent_model(simulation).body_command(state, command, disturbance)
+        model = equivalent_model(simulation)
+        state, command = model.trajectory(future.reshape(-1, ORDERS, 3), yaws, disturbance)
+        command = model.body_command(state, command, disturbance)
+        motion = [
+            sum(period ** (i + order) / factorial(i + order) * future[:, :-1, i] for i in range(ORDERS))
+            for order in (2, 1)  # of position, of velocity
+        ]
         memory = plant.initial_memory(state)
         has_rotors = simulation.vehicle.rotors is not None
         thrusts = np.linalg.solve(mixing(simulation.vehicle), command.T).T if has_rotors else command
@@ -226,7 +239,7 @@ class Nmpc(Law):
         return Horizon(
             self._coordinates(state, memory).reshape(rows, steps, -1),
             action.astype(np.float64).reshape(rows, steps, -1)[:, :-1],
-            np.moveaxis(found.frame_displacement, 2, 0).reshape(rows, steps - 1, -1),
+            np.concatenate(motion, axis=-1),
         )
 
     def _later(self, plan: Floats) -> Floats:

@@ -104,7 +104,6 @@ def _noise(scenario: Scenario, measured: list[str]) -> Floats:
 class LinearProblem(NamedTuple):
     """Equation (1) of a scenario."""
 
-    vehicle: Any  # the vehicle with the damping by the mean wind, a `control.StateSpace`
     A: Floats  # of x and w, shape (n, n)
     B: Floats  # of the actions
     N: Floats  # of the noise n
@@ -136,7 +135,6 @@ def linear_problem(scenario: Scenario) -> LinearProblem:
     transition, noise = (block_diag(*(item[i] for item in shapings)) for i in (0, 1))
     none = np.zeros((len(transition), vehicle.nstates))
     return LinearProblem(
-        vehicle,
         np.block([[vehicle.A, vehicle.B[:, :WIND_SIZE] @ by_wind], [none, transition]]),
         np.vstack([vehicle.B[:, -4:], none[:, :4]]),
         np.vstack([np.zeros((vehicle.nstates, len(noise))), noise]),
@@ -190,7 +188,7 @@ def _riccati(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
 
 
 def _design(problem: LinearProblem, effort: float) -> _Design:
-    _, A, B, N, C, error, V = problem
+    A, B, N, C, error, V = problem
     least = _LEAST**2 * np.eye(len(A))
     P = _riccati(A.T, C.T, N @ N.T + least, V)
     innovation = C @ P @ C.T + V
@@ -212,29 +210,3 @@ def linear_reference(scenario: Scenario, effort: float = CHEAP) -> float:
     known = solve_discrete_lyapunov(problem.A - problem.B @ F, K @ innovation @ K.T)
     covariance = known + P - K @ problem.C @ P
     return float(np.sqrt(np.trace(problem.error @ covariance @ problem.error.T)))
-
-
-def optimal_policy(scenario: Scenario, effort: float = CHEAP) -> Any:
-    """Return the LQG controller from the measurements to the actions, a `control.StateSpace`."""
-    problem = linear_problem(scenario)
-    *_, K, F = _design(problem, effort)
-    # Its state is the prediction of x and w.
-    closed, corrected = problem.A - problem.B @ F, np.eye(len(problem.A)) - K @ problem.C
-    names = {"inputs": problem.vehicle.output_labels[3:], "outputs": problem.vehicle.input_labels[-4:]}
-    return control.ss(closed @ corrected, closed @ K, -F @ corrected, -F @ K, scenario.period, **names)
-
-
-def stationary_error(scenario: Scenario, policy: Any) -> float:
-    """Return the RMS of the norm of the tracking error of a linear policy in the linear model, m; inf: it diverges.
-
-    Args:
-        scenario: As in `linear_reference`.
-        policy: From the measurements to the actions, a `control.StateSpace`, see `linear_loop.linear_policy`.
-    """
-    _, A, B, N, C, error, V = linear_problem(scenario)
-    transition = np.block([[A + B @ policy.D @ C, B @ policy.C], [policy.B @ C, policy.A]])
-    if np.abs(np.linalg.eigvals(transition)).max() >= 1.0:
-        return np.inf
-    noise = np.block([[N, B @ policy.D], [np.zeros((policy.nstates, N.shape[1])), policy.B]])
-    covariance = solve_discrete_lyapunov(transition, noise @ block_diag(np.eye(N.shape[1]), V) @ noise.T)
-    return float(np.sqrt(np.trace(error @ covariance[: len(A), : len(A)] @ error.T)))

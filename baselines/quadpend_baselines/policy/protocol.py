@@ -1,4 +1,4 @@
-"""The base class of learned and classical policies, and the conversion between actions and commands."""
+"""The base class of learned and classical policies, rows of their memories, and actions from commands."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -126,8 +126,3 @@ def _map(function: Any, one: Any, *others: Any) -> Any:
 def to_action(command: Floats, simulation: Simulation, rigid: Floats | None = None) -> Floats32:
     """Return the actions for demanded thrust and torques, see `actions_for` of `quadpend_gym.physics.plants`."""
     return plant_of(simulation).actions_for(command, rigid)
-
-
-def to_command(action: Floats32, simulation: Simulation, rigid: Floats | None = None) -> Floats:
-    """Return the thrust and torques of actions, see `command` of `quadpend_gym.physics.plants`."""
-    return plant_of(simulation).command(action, rigid)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.gains import gains_for, law_of, scale_gains, tuning
-from quadpend_baselines.policy.protocol import to_action, to_command
+from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import PAPER, Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.plants import plant_of
@@ -140,7 +140,7 @@ def test_actions_make_the_demanded_mean_thrust_and_torques(interface: str) -> No
     rigid[1, 4:7] = [0.5, -0.4, 0.2]
     rigid[2, 7:] *= [1.01, 1.02, 0.99, 1.0]
     action = to_action(command, simulation, rigid)
-    assert_allclose(to_command(action, simulation, rigid), command, rtol=0.02, atol=2e-4)
+    assert_allclose(plant_of(simulation).command(action, rigid), command, rtol=0.02, atol=2e-4)
 
 
 @pytest.mark.parametrize("name", ["lqg", "flatness", "swing-up"])

@@ -11,12 +11,12 @@ from quadpend_baselines.controllers.lqg import Lqg, riccati
 from quadpend_baselines.gains import gains_for
 from quadpend_baselines.modelling.linear_loop import linear_policy, margins, vehicle_model
 from quadpend_baselines.modelling.linear_model import EULER, linearise_actions
-from quadpend_baselines.modelling.linear_reference import linear_reference, stationary_error
+from quadpend_baselines.modelling.linear_reference import linear_reference
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import Simulation
 from quadpend_gym.physics.state import State
 from tests.helpers.controllers import hover_states, run_law
-from tests.quadpend_baselines.modelling.test_linear_reference import HOVER
+from tests.quadpend_baselines.modelling.test_linear_reference import HOVER, stationary_error
 
 PAPER = Simulation()
 

@@ -8,9 +8,9 @@ from experiments.measures import settling_times
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.swing_up import tracked_plan
 from quadpend_baselines.gains import tuning
-from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation, State
 from quadpend_gym.physics.euler_kernel import advance
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.scenarios import SCENARIOS
 from quadpend_train.evaluation.episodes import run_episodes
@@ -27,7 +27,7 @@ def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> Non
     assert np.abs(actions).max() <= 0.8 + 1e-6
     parameters = np.tile(simulation.parameters.as_array(), (len(actions), 1))
     following, calm = states[:-1].copy(), np.zeros((len(actions), DISTURBANCE_SIZE))
-    advance(following, to_command(actions, simulation), calm, parameters, simulation.period, simulation.substeps)
+    advance(following, plant_of(simulation).command(actions), calm, parameters, simulation.period, simulation.substeps)
     assert_allclose(following, states[1:], atol=2e-6)
 
 

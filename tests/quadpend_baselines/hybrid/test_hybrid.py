@@ -15,9 +15,9 @@ from quadpend_baselines.hybrid import (
     ResidualAction,
     hybrid_from_data,
 )
-from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import PAPER, Constant, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.tasks.observation import as_layout
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.controllers import HybridPolicy, constant, run_policy
@@ -90,7 +90,7 @@ def test_residual_is_scaled_added_and_clipped(name: str) -> None:
     for residual, scale in (((0.5, -0.5, 1.0, -1.0), 0.2), ((1.0, -1.0, 1.0, -1.0), 3.0)):
         action, memory = HybridPolicy(ResidualAction(name, scale), constant(*residual)).predict(observation)
         assert_allclose(action, np.clip(base_action + scale * np.float32(residual), -1.0, 1.0), atol=1e-6)
-        command = to_command(memory.controller.action, Simulation())
+        command = plant_of(Simulation()).command(memory.controller.action)
         size = Simulation().command_scale
         assert_allclose(command, size * (action + np.eye(4)[0]), rtol=1e-6)
 
