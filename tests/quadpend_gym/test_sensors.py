@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from quadpend_gym import Reference, read_observation
+from quadpend_gym import OBSERVATION_FIELDS, Reference, read_observation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_FIELDS, State
 from quadpend_gym.sensors import PARTS, Bursts, Delay, Dropout, Frozen, Noise, Outliers, SampleHold
@@ -109,6 +109,7 @@ def test_the_observation_is_computed_from_the_measured_state_and_the_present_ref
             **{f"reference_{order}": np.tile(should[order, :3], (rows, 1)) for order in range(2, 7)},
             "yaw_reference": np.tile(should[:3, 3], (rows, 1)),
         }
+        assert expected.keys() == OBSERVATION_FIELDS.keys()
         for name, value in expected.items():
             assert_allclose(read_observation(observation, name), value, rtol=1e-6, atol=1e-7)
 

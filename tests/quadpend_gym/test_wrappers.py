@@ -125,15 +125,19 @@ def test_stable_baselines3_checker_gives_no_warning(layers: Layers) -> None:
         check_with_sb3(make_wrapped(layers))
 
 
-@stacks
-def test_wrapped_spec_survives_json(layers: Layers) -> None:
-    env = make_wrapped(layers, max_episode_steps=7)
-    assert env.spec is not None
-    duplicate = gym.make(EnvSpec.from_json(env.spec.to_json()))
-    assert str(duplicate) == str(env)
-    assert_same(duplicate.reset(seed=3), env.reset(seed=3))
-    actions = draw_actions(3, 10)
-    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
+@pytest.mark.parametrize(("layers", "kwargs"), [*CASES.values(), ([], {"scenario": "noisy", "max_episode_steps": 7})])
+def test_specifications_survive_json(layers: Layers, kwargs: dict[str, Any]) -> None:
+    """That of a single environment with its wrappers, and of a vector environment without."""
+    env = make_wrapped(layers, **kwargs)
+    parts = [part for part in layers if not part[0].endswith("Wrapper")]
+    rows = make_wrapped_vec(3, parts, autoreset_mode="SameStep", **kwargs)
+    for one, make, shape in ((env, gym.make, ()), (rows, gym.make_vec, (3,))):
+        assert one.spec is not None
+        duplicate = make(EnvSpec.from_json(one.spec.to_json()))  # type: ignore[operator]
+        assert str(duplicate) == str(one)
+        assert_same(duplicate.reset(seed=3), one.reset(seed=3))
+        actions = draw_actions(3, 10, *shape)
+        assert_same(run_actions(duplicate, actions), run_actions(one, actions))
 
 
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])

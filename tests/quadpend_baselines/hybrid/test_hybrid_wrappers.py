@@ -91,16 +91,6 @@ def test_a_base_controller_with_a_name_is_designed_for_the_environment_and_an_ob
     assert wrap(env, EstimateOnly(controller("lqr"))).hybrid.controller.simulation == Simulation()
 
 
-@pytest.mark.parametrize("hybrid", [*KINDS, EstimateOnly("flatness"), ResidualAction("lqi", 0.3)])
-def test_base_action_is_what_the_base_controller_would_apply(hybrid: Any) -> None:
-    env = VectorHybridWrapper(make_vec(3, wind="windy"), hybrid)
-    observation, _ = env.reset(seed=0)
-    expected, _ = controller(hybrid.base_controller).predict(make_vec(3, wind="windy").reset(seed=0)[0])
-    assert_array_equal(env.base_action, expected)
-    if hybrid.kind == "residual_action":
-        assert_array_equal(observation[:, -4:], 10.0 * env.base_action)
-
-
 def test_actions_that_the_environment_would_refuse_change_nothing() -> None:
     env, copy = (VectorHybridWrapper(make_vec(3), KINDS[1]) for _ in range(2))
     with pytest.raises(ResetNeeded):

@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -12,8 +13,9 @@ from gymnasium.wrappers import RescaleObservation
 from numpy.testing import assert_allclose, assert_array_equal
 from stable_baselines3.common.env_checker import check_env as check_with_sb3
 
-from quadpend_gym import OBSERVATION_FIELDS, PAPER, Reference, read_observation
+from quadpend_gym import PAPER, Reference
 from quadpend_gym.physics.state import STATE_FIELDS
+from quadpend_gym.tasks.task import ENVIRONMENTS, TASKS
 from tests.helpers.envs import (
     AT_REST,
     IDS,
@@ -25,15 +27,6 @@ from tests.helpers.envs import (
     make_vec,
     run_actions,
 )
-
-MOVING = Reference(
-    offset=(0.1, -0.2, 2.5, 0.3),
-    rate=(0.0, 0.05, 0.1, 0.02),
-    amplitude=(0.5, 0.4, 0.1, 0.2),
-    frequency=(1.0, 2.0, 1.5, 0.7),
-    phase=(0.1, 0.2, 0.3, 0.4),
-)
-ROD = PAPER.rod_length
 
 
 @pytest.mark.filterwarnings("ignore:.*A Box observation space .* is -?inf")  # as for Gymnasium's MuJoCo environments
@@ -138,30 +131,9 @@ def test_reset_sets_physical_parameters_of_one_episode() -> None:
 
 def test_reset_options_apply_to_one_episode_only() -> None:
     env, other = make(), make()
-    env.reset(seed=1, options={"state": {"position": (0.0, 0.0, 9.0)}, "reference": MOVING})
+    env.reset(seed=1, options={"state": {"position": (0.0, 0.0, 9.0)}, "reference": Reference.hover(x=1.0)})
     other.reset(seed=1)
     assert_same(env.reset(), other.reset())
-
-
-def test_observation_fields_equal_the_documented_quantities() -> None:
-    env = make_unwrapped()
-    env.reset(seed=7, options={"reference": MOVING})
-    observation, *_, info = run_actions(env, draw_actions(7, 25))[-1]
-    s, d = env.state, MOVING.derivatives(0.25)
-    expected: dict[str, Any] = {
-        "tracking_error": [*(s.position + ROD * s.direction)[:2] - d[0, :2], s.position[2] - d[0, 2]],
-        "tracking_error_rate": [*(s.velocity + ROD * s.direction_rate)[:2] - d[1, :2], s.velocity[2] - d[1, 2]],
-        "direction": s.direction,
-        "direction_rate": s.direction_rate,
-        "attitude": s.euler - (0.0, 0.0, d[0, 3]),
-        "euler_rate": s.euler_rate,
-        "yaw_reference": d[:3, 3],
-        **{f"reference_{order}": d[order, :3] for order in range(2, 7)},
-    }
-    assert expected.keys() == OBSERVATION_FIELDS.keys()
-    for name, value in expected.items():
-        assert_allclose(read_observation(observation, name), value, rtol=1e-6, atol=1e-7, err_msg=name)
-    assert_allclose(info["tracking_error"], expected["tracking_error"], rtol=1e-12, atol=1e-14)
 
 
 def test_tilt_is_exact_from_upright_to_hanging() -> None:
@@ -170,3 +142,11 @@ def test_tilt_is_exact_from_upright_to_hanging() -> None:
         direction = (np.sin(angle), 0.0, np.cos(angle))
         _, info = env.reset(seed=0, options={"state": {"direction": direction}})
         assert_allclose(info["tilt"], angle, rtol=1e-7, atol=1e-15)
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_a_mapping_changes_the_task_of_the_id(env_id: str) -> None:
+    own = TASKS[ENVIRONMENTS[env_id]]
+    env: Any = gym.make(env_id, task={"reward": {"effort": 0.3}}).unwrapped
+    assert env.scenario.task == replace(own, reward=replace(own.reward, effort=0.3))
+    assert gym.make(env_id, scenario="windy").unwrapped.scenario.task == own  # type: ignore[attr-defined]

@@ -26,16 +26,6 @@ def test_threads_change_no_number(parts: dict[str, Any], num_threads: int) -> No
             assert np.array_equal(expected, found)
 
 
-def test_a_wrong_action_changes_nothing_in_any_thread() -> None:
-    env = vector(2)
-    env.reset(seed=0)
-    before, action = env.unwrapped.state.array.copy(), np.zeros((200, 4), np.float32)
-    action[199] = 2.0
-    with pytest.raises(ValueError, match="sub-environment 199"):
-        env.step(action)
-    assert np.array_equal(env.unwrapped.state.array, before)
-
-
 def test_the_number_of_threads_is_at_least_one() -> None:
     with pytest.raises(ValueError, match="num_threads"):
         vector(0)

@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST
 from quadpend_gym.vehicles import Pole, Simulation, Vehicle
@@ -10,18 +9,6 @@ from tests.helpers.physics import random_states
 from tests.helpers.rigid import at_rest, random_vehicle, start
 
 ROWS, SHORT = 200, 1e-9  # s
-
-
-def test_euler_angles_and_rates_become_the_quaternion_and_the_body_rate() -> None:
-    flight = start(Simulation(vehicle=random_vehicle(0)), random_states(ROWS, 0, spread=3.0))
-    euler, rate = flight.named.euler, flight.named.euler_rate
-
-    def attitude(time: float) -> Rotation:
-        return Rotation.from_euler("ZYX", (euler + time * rate)[:, ::-1])
-
-    assert_allclose((attitude(0.0).inv() * flight.attitude).magnitude(), 0.0, atol=1e-14)
-    turn = (attitude(-1e-4).inv() * attitude(1e-4)).as_rotvec() / 2e-4
-    assert_allclose(flight.body_rate, turn, rtol=0.0, atol=1e-5)
 
 
 def test_the_outputs_are_the_euler_angles_and_rates_of_the_attitude() -> None:

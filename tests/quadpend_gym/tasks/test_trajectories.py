@@ -13,7 +13,6 @@ from scipy.interpolate import BPoly
 from quadpend_gym import PAPER, Reference, Simulation, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.feasibility import check_feasible, demand
-from quadpend_gym.tasks.minimum_snap import _COST
 from quadpend_gym.tasks.trajectories import as_trajectory
 
 TOUR = Waypoints((0, 2, 3.5, 6), ((0, 0, 2), (0.5, 0.2, 2.5, 0.4), (1.0, 1.0, 2.0), (0.0, 1.0, 1.8, -0.5)))
@@ -109,10 +108,3 @@ def test_hovering_demands_the_weight_and_no_tilt() -> None:
     needed = demand(Reference(), PAPER, np.array([0.0, 1.0]))
     assert_allclose(needed.thrust, PAPER.hover_thrust, rtol=1e-14)
     assert_array_equal([needed.pendulum_angle, needed.body_angle], 0.0)
-
-
-def test_the_cost_of_a_minimum_snap_spline_has_no_rounding_errors_that_differ_between_processors() -> None:
-    assert_array_equal(_COST, _COST.T)
-    cubic = np.array([1, 3, 6, 6, 0, 0, 0])  # value and derivatives of u³ at 1
-    ends = np.concatenate([[0, 0, 0, 6, 0, 0, 0], cubic])
-    assert abs(ends @ _COST @ ends) < 1e-9

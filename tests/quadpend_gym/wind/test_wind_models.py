@@ -50,12 +50,6 @@ def test_a_step_begins_at_its_time_rises_and_stays() -> None:
     assert stats.kstest(begins, uniform(2.0, 5.0)).pvalue > 0.01
 
 
-def test_a_force_may_act_on_the_bob_alone() -> None:
-    out = sample_wind(OrnsteinUhlenbeck(force=0.0, bob_force=0.05, time_constant=0.7), 5, 5000)
-    assert not np.delete(out, slice(3, 6), axis=-1).any()
-    assert_allclose(out[..., 3:6].std(axis=1), 0.05, rtol=0.05)
-
-
 EVERY_LOAD = Constant(
     force=(3.0, 4.0, 2.0), bob_force=(0.0, 1.0, 0.0), torque=(0.1, 0.2, 0.3), velocity=(5.0, 0.0, -1.0)
 )

@@ -2,12 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
-from quadpend_baselines import controller
-from quadpend_gym.scenarios import Scenario
 from quadpend_train.evaluation import ranking as ranking_module
-from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.formatting import format_interval
 from quadpend_train.evaluation.metrics import summary_table
 from quadpend_train.evaluation.ranking import groups, multiple, ordered_sets, ranking
@@ -20,19 +16,6 @@ RANDOM = np.random.default_rng(0)
 
 def draw(size: float) -> np.ndarray:
     return size * RANDOM.uniform(0.5, 1.5, 1000)
-
-
-@pytest.mark.parametrize("vehicle", ["paper", "hummingbird"])
-def test_a_start_without_deviations_is_on_the_reference(vehicle: str) -> None:
-    """Position and velocity are exact, and a tracking controller makes no transient beyond the first order in tilt."""
-    start = dict.fromkeys(("position", "velocity", "angle", "angle_rate", "direction", "direction_rate"), 0.0)
-    references = {"hover": 0.0, "acceleration": [1.0, 1.0]}
-    scenario = Scenario(task={"start": start, "references": references}, vehicle=vehicle, duration=0.1)
-    env = scenario.make_vec(8)
-    _, info = env.reset(seed=0)
-    assert_allclose(info["tracking_error"], 0.0, atol=1e-12)
-    results = run_episodes([controller("lqr")], scenario, 8)
-    assert results.error.max() < 0.002
 
 
 def test_survival_ranks_first_and_then_the_multiple_of_the_reference() -> None:
