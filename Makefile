@@ -58,7 +58,7 @@ docs: .venv/.installed  ## build the documentation site in site/; a broken link 
 	$(BIN)/python -m docs.tools.schemas
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
-flying: .venv/.installed  ## compile the vehicles and policies of the flying page to WebAssembly; needs clang and lld
+flying: .venv/.installed  ## docs/flying.html, with the vehicle and policies compiled to WebAssembly; needs clang and lld
 	$(BIN)/python -m docs.tools.flying_page
 
 EXPERIMENTS := $(basename $(notdir $(shell grep -l __main__ experiments/*.py)))

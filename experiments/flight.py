@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.measures import call_time
 from experiments.pages import CACHE, DOCS, README, fill, made_by, options, training_seeds
 from quadpend_baselines.gains import tuned
 from quadpend_gym.scenarios import SCENARIOS
@@ -22,18 +21,16 @@ from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.envelope import BASE, DELAY, EPISODES, Limit, envelope, events, limit
 from quadpend_train.evaluation.formatting import format_number, markdown_table
-from quadpend_train.evaluation.linear_models import reference
 from quadpend_train.evaluation.metrics import cells
 from quadpend_train.evaluation.ranking import gentle, multiple, survivors
 from quadpend_train.reports import figures, tables
 
 POLICIES = "lqg", "dual-mode", "flatness", "lqi", "adrc-matched", "adrc-paper", "apg-flight"
 MARKERS = "os^vDP*X<>ph"
-FEWER = "lqi", "adrc-matched", "adrc-paper"  # have no columns in the two largest tables of the page
+FEWER = "lqi", "adrc-matched", "adrc-paper"  # have no columns in the table of limits
 FOLDER, ROWS = DOCS / "flight", 10  # rows of the table in the README
 EVENTS = events(SCENARIOS[BASE])
-SHORT = "rank", "policy", "survival bound (%)", "error (multiple of the reference)", "envelope", f"{DELAY} (ms)"
-LONG = *SHORT, "delay margin (ms)", "effort", "call (µs)"  # columns of the page
+COLUMNS = "rank", "policy", "survival bound (%)", "error (multiple of the reference)", "envelope", f"{DELAY} (ms)"
 
 Limits = Mapping[str, Mapping[str, Limit]]  # by the names of policies and of events
 
@@ -55,18 +52,11 @@ def envelopes(limits: Limits) -> dict[str, Limit]:
 
 
 def full_ranking(found: Comparison, limits: Limits) -> list[list[str]]:
-    """Return the ranking with envelope, extra delay, smallest margin of the linear loops, and the time of a call."""
+    """Return the ranking with envelope and extra delay."""
     headings, *rows = tables.ranking_rows(found)
-    first, wide = next(iter(found.scenarios.values())), envelopes(limits)
-    table = [[*headings, "envelope", f"{DELAY} (ms)", "delay margin (ms)", "call (µs)"]]
-    for row in rows:
-        policy = row[1]
-        margins = [found.margins.get((scenario, policy)) for scenario in found.scenarios]
-        margin = min((1000.0 * each.delay for each in margins if each), default=np.nan)
-        call = 1e6 * call_time(found.learners[policy][0], first)
-        numbers = str(limits[policy][DELAY]), format_number(margin), format_number(call)
-        table.append([*row, str(wide[policy]), *numbers])
-    return table
+    wide, headings = envelopes(limits), [*headings, "envelope", f"{DELAY} (ms)"]
+    rows = [[*row, str(wide[row[1]]), str(limits[row[1]][DELAY])] for row in rows]
+    return [[row[headings.index(name)] for name in COLUMNS] for row in (headings, *rows)]
 
 
 def errors_of(found: Comparison, policy: str) -> list[Any]:
@@ -84,19 +74,6 @@ def cell_table(found: Comparison) -> pd.DataFrame:
             rows.append((scenario, policy, share, 1e3 * length, 1e3 * length * ratio.value, *ratio))
     columns = ["scenario", "policy", "survival", "reference", "error", "multiple", "low", "high"]
     return pd.DataFrame(rows, columns=columns)
-
-
-def matrix(table: pd.DataFrame, found: Comparison) -> str:
-    """Return references and errors in mm, and survivals below 100 %, in Markdown, a line for each scenario."""
-    rows, own = [], {name: reference(found.scenarios[name])[1] for name in found.references}
-    for name, part in table[~table["policy"].isin(FEWER)].groupby("scenario", sort=False):
-        row = [str(name).removeprefix("flight_")]
-        row += [format_number(part["reference"].iloc[0]) + ("" if own[str(name)] else "*")]
-        for cell in part.itertuples():
-            text = format_number(cell.error)
-            row.append(text if cell.survival == 100.0 else f"{text}, {cell.survival:.3g} %")
-        rows.append(row)
-    return markdown_table(["scenario", "reference", *(name for name in found.policies if name not in FEWER)], rows)
 
 
 def event_matrix(found: Comparison) -> str:
@@ -200,23 +177,22 @@ def main() -> None:
     settings = given.episodes, given.seed
     found = compare([*map(training_seeds, given.policies)], ["flight", "events"], *settings, CACHE, jobs=given.jobs)
     limits = find_limits(found, min(given.episodes, EPISODES), given.seed, given.jobs)
-    table, tried, rows = cell_table(found), limit_csv(limits), full_ranking(found, limits)
-    columns, short = ([[row[rows[0].index(name)] for name in names] for row in rows] for names in (LONG, SHORT))
+    table, tried, ranking = cell_table(found), limit_csv(limits), full_ranking(found, limits)
     parts = {
         "provenance": made_by("flight", *settings),
-        "ranking": f"{markdown_table(columns[0], columns[1:])}\n\n{tables.ranking_note(found)}",
+        "ranking": f"{markdown_table(ranking[0], ranking[1:])}\n\n{tables.ranking_note(found)}",
         "events": event_matrix(found),
         "limits": limit_table(tried),
-        "matrix": matrix(table, found),
         "origins": origins(found),
     }
     for name, data in (("cells", table), ("limits", tried)):
         write_text(given.out / f"{name}.csv", data.to_csv(index=False, lineterminator="\n"))
     figures.write_png(front_figure(found, envelopes(limits)), given.out / "front.png")
     figures.write_png(scenario_figure(table), given.out / "scenarios.png")
-    print(markdown_table(short[0], short[1 : ROWS + 1]))
+    best = markdown_table(ranking[0], ranking[1 : ROWS + 1])
+    print(best)
     if given.out == FOLDER:
-        fill(README, {"flight": markdown_table(short[0], short[1 : ROWS + 1])})
+        fill(README, {"flight": best})
         fill(DOCS / "flight.md", {f"flight-{name}": text for name, text in parts.items()})
     else:
         write_text(given.out / "tables.md", "\n\n".join(parts.values()) + "\n")

@@ -1,13 +1,10 @@
-"""Measures of the experiments: settling times, and the time of a call."""
+"""Measures of the experiments: settling times."""
 
-import time
 from typing import Any
 
 import numpy as np
 
-from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Booleans, Floats
-from quadpend_gym.scenarios import Scenario
 
 SETTLED_ERROR = 0.05  # m
 REST = 1.0  # s at the end of an episode, during which the error must be below the limit
@@ -24,21 +21,3 @@ def settling_times(survived: Booleans, error: Any, period: float, limit: float =
     last = np.where(outside.any(axis=-1), steps - np.argmax(outside[..., ::-1], axis=-1), 0)  # steps until it stays
     settled = survived & (last <= max(steps - round(REST / period), 0))
     return np.where(settled, period * last, np.nan)
-
-
-def call_time(policy: Policy, scenario: Scenario, calls: int = 300) -> float:
-    """Return the median time of `predict` for one row in a scenario, s.
-
-    It is that of one core if the libraries for linear algebra use one thread (OMP_NUM_THREADS=1).
-    """
-    flown = policy.adapt(scenario)
-    env = flown.wrap(scenario.make_vec(1))
-    observation, _ = env.reset(seed=0)
-    memory, started, times = None, np.ones(1, np.bool_), []
-    for _ in range(calls):
-        begin = time.perf_counter()
-        action, memory = flown.predict(observation, memory, started, deterministic=True)
-        times.append(time.perf_counter() - begin)
-        observation, _, terminated, truncated, _ = env.step(action)
-        started = terminated | truncated
-    return float(np.median(times))

@@ -40,7 +40,7 @@ from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.formatting import markdown_table
 
 POLICIES = "lqg", "dual-mode", "flatness", "apg-flight"
-ANGLES = 20, 30, 34, 38, 40, 42, 44, 46  # °
+ANGLES = 20, 30, 38, 40, 42  # °
 BASE = "flight_recovery_30"
 STEPS, LATE = 200, 2  # N, 2 s, and the latency in control steps
 SMOOTHNESS = 1e-5  # ρ

@@ -16,8 +16,6 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from docs.tools.flying_page import page as flying_page
-
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs/tour.ipynb"
 # Pages of the site that are made from files of other names, by the paths of these files
@@ -29,8 +27,7 @@ LANGUAGES = {".py": "python", ".toml": "toml", ".yml": "yaml", ".json": "json", 
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the flying page, the pages of `PAGES`, and one for every source file that a page links to."""
-    files.append(File.generated(config, "flying.html", content=flying_page()))
+    """Add the pages of `PAGES`, and one for every source file that a page links to."""
     for source in ("CHANGELOG.md", "CONTRIBUTING.md"):
         files.append(File.generated(config, PAGES[source], content=(ROOT / source).read_text(encoding="utf-8")))
     text, pictures = notebook_page(json.loads(NOTEBOOK.read_text(encoding="utf-8")))

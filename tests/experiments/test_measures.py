@@ -1,14 +1,8 @@
-"""Settling times, and the time of a call."""
+"""Settling times."""
 
 import numpy as np
 
-from experiments.measures import call_time, settling_times
-from quadpend_baselines import controller
-from quadpend_gym.scenarios import Scenario
-
-
-def test_the_time_of_a_call_is_measured() -> None:
-    assert 1e-6 < call_time(controller("lqr"), Scenario(), 20) < 0.1
+from experiments.measures import settling_times
 
 
 def test_a_settling_time_ends_the_last_step_with_a_large_error() -> None:

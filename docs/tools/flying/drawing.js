@@ -1,8 +1,7 @@
 // Drawing of vehicles and of their tracking errors, for the flying page.
 const BODY = 0.055, NEAR = 0.1, REACH = 12;  // m; `shape`, the sizes of the scenario's vehicle, is from quadpend_gym/viewer/snapshot.py
 const ANGLE = 1, SPIN = 40, TRAIL = 2;  // field of view, rad; rotor speed, rad/s; trail, s
-const COLOURS = "sky horizon far near grid shadow rod arm rotor front wind ink soft rule page".split(" ");
-const LOWERED = 0.7;  // height of the point at which the camera looks, as a share of the height of the vehicles: their shadows are in the picture
+const COLOURS = "sky horizon far near grid shadow rod arm rotor front wind ink soft rule page warm".split(" ");
 const FARTHER = 3.4 / 2.7;  // distance of the viewer's camera relative to that of the page's
 const FIRST_VIEW = {azimuth: -0.9, elevation: 0.42, distance: 2.7}, camera = {...FIRST_VIEW};
 const still = matchMedia("(prefers-reduced-motion: reduce)");
@@ -24,8 +23,8 @@ function readColours(root) {
   const style = getComputedStyle(root);
   colours = Object.fromEntries(COLOURS.map(name => [name, style.getPropertyValue("--" + name).trim()]));
 }
-function sized(shape, rodLength) {  // complete the sizes of a vehicle
-  return {...shape, rod_length: rodLength, longest: shape.distance_scale, distance_scale: shape.distance_scale * (shape.paper ? 1 : FARTHER)};
+function sized(shape) {  // complete the sizes of a vehicle
+  return {...shape, longest: shape.distance_scale, distance_scale: shape.distance_scale * FARTHER};
 }
 function placed(state) {  // complete a state by the places of its parts
   const {position, direction} = state, rotate = attitude(state.euler), pivot = plus(position, rotate(shape.pivot));
@@ -107,7 +106,19 @@ function primitives(pen, {toCamera, pixel}) {  // drawing functions in metres
   }
   return {line, lines, area, arrow};
 }
-function ground(pen, eye, {lines}, width, height, at) {
+const land = document.createElement("canvas");
+let landKey;
+function ground(pen, eye, width, height, at) {  // drawn again only where the camera, the size or the colours changed
+  const scale = pen.getTransform().a, key = JSON.stringify([camera, width, height, scale, at, colours]);
+  if (key !== landKey) {
+    [land.width, land.height, landKey] = [pen.canvas.width, pen.canvas.height, key];
+    const own = land.getContext("2d", {alpha: false});
+    own.setTransform(pen.getTransform());
+    drawGround(own, eye, primitives(own, eye), width, height, at);
+  }
+  pen.drawImage(land, 0, 0, width, height);
+}
+function drawGround(pen, eye, {lines}, width, height, at) {
   const level = clamp(eye.horizon, 0, height), [x, y] = at.map(Math.round);
   const bottom = level + 0.6 * height, tone = pen.createLinearGradient(0, 0, 0, bottom);
   for (const [down, name] of [[0, "sky"], [level, "horizon"], [level, "far"], [bottom, "near"]]) tone.addColorStop(down / bottom, colours[name]);
@@ -175,8 +186,8 @@ function markOutside(pen, eye, place, colour, text, size) {  // mark a point out
 }
 // Draw vehicles and the rings of their targets; the camera looks at the vehicles' middle. Return the projection.
 function drawScene(canvas, middle, all, aims) {
-  const {pen, width, height} = prepare(canvas), [x, y, z] = middle, at = [x, y, shape.paper ? LOWERED * z : z + shape.lift - 0.22 * FIRST_VIEW.distance * shape.distance_scale], eye = project(at, width, height), tools = primitives(pen, eye);
-  ground(pen, eye, tools, width, height, at);
+  const {pen, width, height} = prepare(canvas), [x, y, z] = middle, at = [x, y, z + shape.lift - 0.22 * FIRST_VIEW.distance * shape.distance_scale], eye = project(at, width, height), tools = primitives(pen, eye);
+  ground(pen, eye, width, height, at);
   for (const state of all) if (!state.fallen) shadow(tools, state);
   for (const one of all) trail(tools, one);
   for (const [, drawPart] of all.flatMap(state => vehicle(pen, eye, tools, state)).sort((a, b) => b[0] - a[0])) drawPart();
@@ -205,8 +216,8 @@ function labelHeights(ends, top, bottom) {  // of the letters at the ends of the
   const middle = clamp((heights[0] + heights[1]) / 2, top + 13, bottom - 15), up = heights[0] <= heights[1] ? 7 : -7;
   return [middle - up, middle + up];
 }
-// Draw tracking errors from `begin` to `end` (s) and from 10^low to 10^high mm; the points of a curve are times (s) and errors (mm)
-function drawErrors(canvas, curves, [begin, end], [low, high]) {
+// Draw tracking errors from `begin` to `end` (s) and from 10^low to 10^high mm; the points of a curve are times (s) and errors (mm); marks are times
+function drawErrors(canvas, curves, [begin, end], [low, high], marks) {
   const {pen} = prepare(canvas), {left, right, top, bottom} = axes(canvas);
   const x = t => left + (right - left) * (t - begin) / (end - begin);
   const y = mm => bottom - (bottom - top) * (Math.log10(clamp(mm, 1, 10 ** high)) - low) / (high - low);
@@ -218,6 +229,7 @@ function drawErrors(canvas, curves, [begin, end], [low, high]) {
   }
   const interval = tickInterval(end - begin, right - left);
   for (let t = begin; t < begin + 1.001 * (end - begin); t += interval) note(`${+t.toPrecision(6)} s`, [x(t), bottom + 12], "center");
+  for (const t of marks) stroke(pen, [[x(t), top], [x(t), bottom]], colours.warm, 1, [3, 3]);
   const drawn = curves.map(curve => ({...curve, points: curve.points.map(([t, mm]) => [x(t), y(mm)])}));
   const last = drawn.filter(curve => curve.letter).map(({points}) => points[points.length - 1]), heights = labelHeights(last, top, bottom);
   for (const {points, fell, colour, dashes, letter} of drawn) {
