@@ -29,26 +29,12 @@ attitude model: a constant inertia multiplies the Euler-angle rates, and gyrosco
 `quadpend_gym.physics.state` lists the symbols of the state, `quadpend_gym.vehicles.parameters` those of the parameters.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
-from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.physics.state import (
-    BOB_FORCE,
-    COMMAND_TORQUE,
-    DIRECTION,
-    DIRECTION_RATE,
-    EULER,
-    FORCE,
-    THRUST,
-    TORQUE,
-)
-from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, scale, store
+from quadpend_gym.core.jit import inlined
+from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, scale
 from quadpend_gym.vehicles import Parameters
-from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 
 @inlined
@@ -106,44 +92,3 @@ def centre_acceleration(force: Vec3, bob_force: Vec3, physics: Parameters) -> Ve
 def centre_offset(physics: Parameters) -> float:
     """Return μ = m_c l / (M + m_c) in m; the centre of mass is at ζ + μ r."""
     return physics.bob_mass * physics.rod_length / (physics.quadrotor_mass + physics.bob_mass)
-
-
-@compiled
-def _accelerations(state: Floats, command: Floats, disturbance: Floats, parameters: Floats, out: Floats) -> None:
-    for row in range(state.shape[1]):
-        physics = load_physics(parameters, row)
-        torque = axpy(1.0, load(disturbance, TORQUE, row), load(command, COMMAND_TORQUE, row))
-        force = axpy(command[THRUST, row], thrust_axis(load(state, EULER, row)), load(disturbance, FORCE, row))
-        bob_force = load(disturbance, BOB_FORCE, row)
-        w = unconstrained_acceleration(force, bob_force, physics)
-        r_ddot = direction_acceleration(load(state, DIRECTION, row), load(state, DIRECTION_RATE, row), w)
-        store(out, 0, row, axpy(-centre_offset(physics), r_ddot, centre_acceleration(force, bob_force, physics)))
-        store(out, 3, row, euler_acceleration(torque, physics))
-        store(out, 6, row, r_ddot)
-
-
-class Accelerations(NamedTuple):
-    """Second derivatives of position, Euler angles and pendulum direction, each of shape (..., 3)."""
-
-    position: Floats  # ζ̈, m/s², world frame
-    euler: Floats  # η̈, rad/s²
-    direction: Floats  # r̈, 1/s², world frame
-
-
-def accelerations(state: Floats, command: Floats, disturbance: Floats, parameters: Parameters) -> Accelerations:
-    """Compute the second derivatives with equations (1)–(5).
-
-    State, command and disturbance have the shapes (..., 18), (..., 4) and (..., 9), see `quadpend_gym.physics.state`;
-    their leading dimensions are broadcast.
-    """
-    shape = np.broadcast_shapes(state.shape[:-1], command.shape[:-1], disturbance.shape[:-1])
-
-    def columns(array: Floats) -> Floats:
-        full = np.broadcast_to(array, (*shape, array.shape[-1]))
-        return np.ascontiguousarray(full.reshape(-1, array.shape[-1]).T, dtype=np.float64)
-
-    count = int(np.prod(shape))
-    out = np.empty((3, 3, count))
-    physics = np.broadcast_to(parameters.as_array(), (*shape, PARAMETERS_SIZE))
-    _accelerations(columns(state), columns(command), columns(disturbance), columns(physics), out.reshape(9, count))
-    return Accelerations(*(np.ascontiguousarray(part.T).reshape(*shape, 3) for part in out))

@@ -50,6 +50,16 @@ def simulate_period(
     return state
 
 
+def rates(state: Floats, command: Floats, disturbance: Floats, parameters: Parameters) -> State:
+    """Return the rates of change of states under the kernel, as central differences of order 4, shape (rows, 18)."""
+    step, inputs = 5e-4, (command, disturbance, parameters)  # s
+    one, two = (
+        simulate_period(state, *inputs, length, 1) - simulate_period(state, *inputs, -length, 1)
+        for length in (step, 2.0 * step)
+    )
+    return State((8.0 * one - two) / (12.0 * step))
+
+
 def state_from_coordinates(q: Floats, q_dot: Floats) -> Floats:
     """Convert position, Euler angles and the pole's (α, β), and their rates, to a state array of shape (18,)."""
     sa, ca, sb, cb = np.sin(q[6]), np.cos(q[6]), np.sin(q[7]), np.cos(q[7])

@@ -7,15 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.jit import compiled
-from quadpend_gym.physics.attitude import Quaternion
-from quadpend_gym.physics.dynamics import load_physics
 from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.physics.rigid_body import Loads, Motion, Wrench, derivative, rigid_physics
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST, rigid_from_state
-from quadpend_gym.physics.rigid_settings import pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE, State
-from quadpend_gym.physics.vectors import axpy, load, scale, store
 from quadpend_gym.vehicles import Pole, RateLoop, Rotors, Simulation, Vehicle
 from tests.helpers.physics import random_states
 
@@ -106,6 +100,15 @@ class Flight:
         plant_of(self.simulation).advance(state, memory, action, disturbance, parameters, **arguments)
         return Flight(self.simulation, state, memory)
 
+    def rates(self, action: Floats, disturbance: Floats) -> tuple[State, Floats]:
+        """Return the rates of change of state and memory, as differences of order 4 over the first four periods."""
+        flights = [self]
+        for _ in range(4):
+            flights.append(flights[-1].after(action, disturbance))
+        weights = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / (12.0 * self.simulation.period)
+        state, memory = (np.array([getattr(each, name) for each in flights]) for name in ("state", "memory"))
+        return State(np.tensordot(weights, state, 1)), np.tensordot(weights, memory, 1)
+
 
 def start(simulation: Simulation, state: Floats) -> Flight:
     """Return the start of a flight in states of shape (n, 18), with the rotor thrusts of hover."""
@@ -123,42 +126,3 @@ def at_rest(rows: int = 1) -> Floats:
     state = np.zeros((rows, STATE_SIZE))
     State(state).direction[:, 2] = 1.0
     return state
-
-
-@compiled
-def _derivative(numbers: Floats, packed: Floats, motion: Floats, inputs: Floats, out: Floats) -> None:
-    rigid, physics = unpack_rigid(packed), load_physics(numbers.reshape((-1, 1)), 0)
-    body = rigid_physics(physics, rigid.correlation, rigid.pivot, rigid.shape)
-    fields = motion.reshape((-1, 1))
-    q = Quaternion(motion[0], motion[1], motion[2], motion[3])
-    start = Motion(q, load(fields, 4, 0), load(fields, 7, 0), load(fields, 10, 0))
-    given = inputs.reshape((-1, 1))
-    force, bob_force = load(given, 4, 0), load(given, 7, 0)
-    relative = axpy(1.0 / physics.quadrotor_mass, force, scale(-1.0 / physics.bob_mass, bob_force))
-    loads = Loads(force, bob_force, relative, load(given, 10, 0), inputs[13], rigid.angular_drag)
-    result = derivative(start, Wrench(inputs[0], load(given, 1, 0)), loads, physics, body)
-    store(out, 0, 0, result.centre)
-    store(out, 3, 0, result.motion.rate)
-    store(out, 6, 0, result.motion.direction_rate)
-
-
-def accelerations(flight: Flight, wrench: Floats, disturbance: Floats, momentum: float) -> dict[str, Floats]:
-    """Return ζ̈ (m/s²), ω̇ (rad/s²) and r̈ (1/s²) of the first row, each of shape (3,).
-
-    Args:
-        flight: The vehicle and its state.
-        wrench: Thrust (N) and torques (N·m) of the rotors, shape (4,).
-        disturbance: Forces (N) and torque (N·m) in the world frame, shape (9,).
-        momentum: Angular momentum of the propellers, N·m·s.
-    """
-    s, simulation = flight.named, flight.simulation
-    vehicle, p = simulation.vehicle, simulation.parameters
-    motion = np.concatenate([flight.memory[0, :ROTOR_THRUST], s.direction[0], s.direction_rate[0]])
-    inputs, out = np.concatenate([wrench, disturbance, [momentum]]), np.empty((9, 1))
-    _derivative(p.as_array(), pack_rigid(simulation), motion, inputs, out)
-    centre, rate_dot, direction_ddot = out.reshape(3, 3)
-    rate, pivot = flight.body_rate[0], np.array(vehicle.pivot)
-    pivot_ddot = flight.attitude[0].apply(np.cross(rate_dot, pivot) + np.cross(rate, np.cross(rate, pivot)))
-    share = p.bob_mass / p.total_mass
-    position_ddot = centre - share * (pivot_ddot + p.rod_length * direction_ddot)
-    return {"position": position_ddot, "body_rate": rate_dot, "direction": direction_ddot}

@@ -13,7 +13,6 @@ from quadpend_baselines.estimation.estimate import Estimate
 from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE, STATE_COLUMNS
 from quadpend_gym import PAPER, Constant, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.state import State
 from tests.helpers.controllers import (
     CALM,
@@ -26,7 +25,7 @@ from tests.helpers.controllers import (
     tilted_pendulum,
     tracking_distance,
 )
-from tests.helpers.physics import UNEQUAL
+from tests.helpers.physics import UNEQUAL, rates
 
 GAINS = FlatnessGains()
 # No limit is active, and the bandwidths are those near the desired direction.
@@ -51,11 +50,7 @@ def characteristic(law: Flatness, yaw: float, disturbance: Floats, step: float =
     s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
     s.direction_rate[:, 2] = -np.sum((s.direction * s.direction_rate)[:, :2], axis=1) / s.direction[:, 2]
     command, _ = run_law(law, state, wind=disturbance, reference=reference)
-    force = accelerations(state, command, np.tile(disturbance, (len(state), 1)), p)
-    rates = State(np.empty_like(state))
-    rates.position[:], rates.euler[:], rates.direction[:] = s.velocity, s.euler_rate, s.direction_rate
-    rates.velocity[:], rates.euler_rate[:], rates.direction_rate[:] = force.position, force.euler, force.direction
-    plus, minus = np.split(rates.array[:, STATE_COLUMNS], 2)
+    plus, minus = np.split(rates(state, command, disturbance, p).array[:, STATE_COLUMNS], 2)
     return np.asarray(np.poly((plus - minus).T / (2.0 * step)))
 
 

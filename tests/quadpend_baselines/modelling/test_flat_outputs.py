@@ -2,13 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 from quadpend_gym import PAPER, Parameters, Reference
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.dynamics import accelerations, thrust_axis
-from quadpend_gym.physics.state import COMMAND_TORQUE, THRUST, Disturbance, State
-from quadpend_gym.physics.vectors import Vec3
 from tests.helpers.controllers import CALM, disturbance_of, flat_state_and_command
 from tests.helpers.physics import UNEQUAL, simulate_period
 
@@ -57,17 +53,3 @@ def test_open_loop_error_on_a_figure_eight_is_that_of_the_neglected_bob_accelera
     assert fast < 1e-4
     assert fast / slow > 14.0
     assert open_loop(figure_eight(1.0), ON_BOTH, PAPER) < 2e-4
-
-
-def test_all_forces_balance_at_hover() -> None:
-    """The thrust balances weights and forces of both bodies, the rod those of the bob, and all rates are zero."""
-    p, d = UNEQUAL, Disturbance(ON_BOTH)
-    state, command = flat_state_and_command(Reference.hover(yaw=1.0), 0.0, ON_BOTH, p)
-    s, gravity = State(state[0]), np.array([0.0, 0.0, p.gravity])
-    thrust = command[0, THRUST] * np.array(thrust_axis(Vec3(*s.euler)))
-    assert_allclose(thrust, p.total_mass * gravity - d.force - d.bob_force, atol=1e-12)
-    assert_allclose(np.cross(s.direction, p.bob_mass * gravity - d.bob_force), 0.0, atol=1e-12)
-    assert_allclose(command[0, COMMAND_TORQUE:], -d.torque, atol=1e-12)
-    actual = accelerations(state, command, ON_BOTH, p)
-    for rate in (s.velocity, s.euler_rate, s.direction_rate, actual.position, actual.euler, actual.direction):
-        assert_allclose(rate, np.zeros_like(rate), atol=1e-12)

@@ -8,9 +8,8 @@ import pytest
 import sympy as sp
 from numpy.testing import assert_allclose
 
-from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.state import COMMAND_TORQUE, Disturbance
-from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, state_from_coordinates
+from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, rates, state_from_coordinates
 from tests.helpers.symbolic import COMMAND, FORCE_ON_BOB, FORCE_ON_QUADROTOR, PARAMETERS, SPHERICAL, derive
 
 
@@ -43,7 +42,10 @@ def test_accelerations_solve_the_euler_lagrange_equations(derived: Callable[...,
     inputs = whole, disturbance[:6], UNEQUAL.as_array()[:7]  # the Lagrangian has no drag
     mass, force, _ = derived(q, q_dot, np.zeros(8), *inputs)
     q_ddot = np.linalg.solve(mass, force)[:, 0]
-    expected = {"position": q_ddot[:3], "euler": q_ddot[3:6], "direction": derived(q, q_dot, q_ddot, *inputs)[2][:, 0]}
-    actual = accelerations(state_from_coordinates(q, q_dot), command, disturbance, UNEQUAL)
+    expected = {"velocity": q_ddot[:3], "euler_rate": q_ddot[3:6]}
+    expected["direction_rate"] = derived(q, q_dot, q_ddot, *inputs)[2][:, 0]
+    actual = rates(state_from_coordinates(q, q_dot), command, disturbance, UNEQUAL)
     for name, value in expected.items():
-        assert_allclose(getattr(actual, name), value, rtol=0.0, atol=1e-9 * float(np.linalg.norm(value)), err_msg=name)
+        assert_allclose(
+            getattr(actual, name)[0], value, rtol=0.0, atol=1e-9 * float(np.linalg.norm(value)), err_msg=name
+        )

@@ -3,7 +3,7 @@
 The coordinates are position, Euler angles, and the spherical angles of the pole. With the body rate ω(q, q̇), the
 direction r(q) and the pole's centre of mass c = ζ + R p + l r, the Lagrangian is
 
-    L = ½ M ζ̇·ζ̇ + ½ ω·I ω + h ω_z + ½ m ċ·ċ + ½ J ṙ·ṙ − M g ζ_z − m g c_z
+    L = ½ M ζ̇·ζ̇ + ½ ω·I ω + ½ m ċ·ċ + ½ J ṙ·ṙ − M g ζ_z − m g c_z
 """
 
 from types import SimpleNamespace
@@ -14,10 +14,11 @@ import sympy as sp
 from numpy.testing import assert_allclose
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import Disturbance
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST
 from quadpend_gym.vehicles import Simulation, Vehicle
 from tests.helpers.physics import random_disturbances, state_from_coordinates
-from tests.helpers.rigid import accelerations, random_vehicle, start
+from tests.helpers.rigid import random_vehicle, start
+from tests.helpers.rigid_mujoco import command_of
 from tests.helpers.symbolic import SPHERICAL, phi, psi, rate_of, theta, x, y, z
 
 E1, E2, E3 = (sp.Matrix(row) for row in np.eye(3, dtype=int).tolist())
@@ -29,7 +30,7 @@ def derived() -> SimpleNamespace:
     angles, direction = SPHERICAL
     q = sp.Matrix([x, y, z, phi, theta, psi, *angles])
     q_dot, q_ddot = q.applyfunc(rate_of), sp.Matrix(sp.symbols("a:8"))
-    scalars = M, m, length, g, J, h = sp.symbols("M m l g J h", positive=True)
+    scalars = M, m, length, g, J = sp.symbols("M m l g J", positive=True)
     inertia, pivot = sp.Matrix(3, 3, sp.symbols("i:9")), sp.Matrix(sp.symbols("p:3"))
     u, *inputs = sp.symbols("u t:12")
     torque, force, bob_force, world_torque = (sp.Matrix(inputs[i : i + 3]) for i in range(0, 12, 3))
@@ -42,7 +43,7 @@ def derived() -> SimpleNamespace:
     spin = sp.Matrix.hstack(E1, roll.T * E2, roll.T * pitch.T * E3) * q_dot[3:6, :]
     body = q[0:3, :]
     pole = body + rotation * pivot + length * direction
-    kinetic = M * rate(body).dot(rate(body)) + (spin.T * inertia * spin)[0] + 2 * h * spin[2]
+    kinetic = M * rate(body).dot(rate(body)) + (spin.T * inertia * spin)[0]
     kinetic += m * rate(pole).dot(rate(pole)) + J * rate(direction).dot(rate(direction))
     lagrangian = sp.Matrix([kinetic / 2 - M * g * body[2] - m * g * pole[2]])
     momentum = lagrangian.jacobian(q_dot).T
@@ -62,10 +63,10 @@ def derived() -> SimpleNamespace:
     return SimpleNamespace(**functions)
 
 
-def plain(vehicle: Vehicle, momentum: float) -> list[float]:
+def plain(vehicle: Vehicle) -> list[float]:
     """Return the parameters of the Lagrangian."""
     pole = vehicle.pole
-    scalars = [vehicle.mass, pole.mass, pole.length, vehicle.gravity, pole.inertia, momentum]
+    scalars = [vehicle.mass, pole.mass, pole.length, vehicle.gravity, pole.inertia]
     return [*scalars, *vehicle.inertia_matrix.ravel().tolist(), *vehicle.pivot]
 
 
@@ -80,22 +81,20 @@ def coordinates(seed: int) -> tuple[Floats, Floats]:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_accelerations_solve_the_euler_lagrange_equations(derived: SimpleNamespace, seed: int) -> None:
-    rng = np.random.default_rng([7, seed])
-    vehicle, (q, q_dot), momentum = random_vehicle(seed), coordinates(seed), rng.normal()
-    wrench, disturbance = 5.0 * rng.normal(size=4), Disturbance(random_disturbances(1, seed)[0])
-    inputs = np.concatenate([wrench, disturbance.array])
-    flight = start(Simulation(vehicle=vehicle), state_from_coordinates(q, q_dot))
+    vehicle, (q, q_dot) = random_vehicle(seed), coordinates(seed)
+    simulation, disturbance = Simulation(vehicle=vehicle, period=1e-4, substeps=1), random_disturbances(1, seed)[0]
+    action = np.random.default_rng([7, seed]).uniform(-0.5, 0.5, 4)
+    flight = start(simulation, state_from_coordinates(q, q_dot))
 
-    given = plain(vehicle, momentum), inputs
+    given = plain(vehicle), np.concatenate([command_of(action, simulation), disturbance])
     q_ddot = np.linalg.solve(
         derived.mass(q, q_dot, np.zeros(8), *given), derived.forces(q, q_dot, np.zeros(8), *given)
     )[:, 0]
-    expected = {
-        "position": q_ddot[:3],
-        "body_rate": derived.body_rate_dot(q, q_dot, q_ddot, *given)[:, 0],
-        "direction": derived.direction_ddot(q, q_dot, q_ddot, *given)[:, 0],
-    }
     assert_allclose(flight.body_rate[0], derived.body_rate(q, q_dot, q_ddot, *given)[:, 0], rtol=0.0, atol=1e-12)
-    for name, value in accelerations(flight, wrench, disturbance.array, momentum).items():
-        size = float(np.linalg.norm(expected[name]))
-        assert_allclose(value, expected[name], rtol=0.0, atol=1e-9 * size, err_msg=name)
+    state, memory = flight.rates(action, disturbance)
+    for value, expected in (
+        (state.velocity, q_ddot[:3]),
+        (memory[:, BODY_RATE:ROTOR_THRUST], derived.body_rate_dot(q, q_dot, q_ddot, *given)[:, 0]),
+        (state.direction_rate, derived.direction_ddot(q, q_dot, q_ddot, *given)[:, 0]),
+    ):
+        assert_allclose(value[0], expected, rtol=0.0, atol=1e-9 * float(np.linalg.norm(expected)))

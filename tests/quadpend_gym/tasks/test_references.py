@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import PAPER, Reference, ReferenceSettings, StartSettings, Task
-from quadpend_gym.physics.dynamics import accelerations
 from tests.helpers.envs import make_vec
+from tests.helpers.physics import rates
 
 FAMILIES = ("hover", "circle", "figure_eight", "helix", "slalom")  # fields of `ReferenceSettings`
 every_family = pytest.mark.parametrize("family", FAMILIES)
@@ -127,10 +127,10 @@ def test_the_body_of_a_start_gives_bob_and_pendulum_the_required_acceleration(
     references = single_family(family, **small).references
     env = make_vec(50, task=Task(references=references, start=NO_DEVIATION, pendulum=pendulum))
     env.reset(seed=0)
-    found = accelerations(env.state.array, np.array([PAPER.hover_thrust, 0.0, 0.0, 0.0]), np.zeros(9), PAPER)
+    found = rates(env.state.array, np.array([PAPER.hover_thrust, 0.0, 0.0, 0.0]), np.zeros(9), PAPER)
     derivatives = np.array([Reference.from_array(row).derivatives(0.0) for row in env.world.reference])
-    assert_allclose(found.direction[:, :2], side * derivatives[:, 4, :2] / GRAVITY, atol=2e-3)
-    bob = found.position[:, :2] + ROD * found.direction[:, :2]
+    assert_allclose(found.direction_rate[:, :2], side * derivatives[:, 4, :2] / GRAVITY, atol=2e-3)
+    bob = found.velocity[:, :2] + ROD * found.direction_rate[:, :2]
     assert_allclose(bob, derivatives[:, 2, :2], atol=2e-3)
 
 
