@@ -99,9 +99,11 @@ def shifted(reference: Reference, time: float) -> Reference:
 
 
 @every_family
-def test_a_start_without_deviation_is_on_the_reference_and_moves_along_it(family: str) -> None:
+@pytest.mark.parametrize("vehicle", ["paper", "hummingbird"])
+def test_a_start_without_deviation_is_on_the_reference_and_moves_along_it(vehicle: str, family: str) -> None:
     step, still = 1e-4, {"climb": (0.0, 0.0), "yaw_amplitude": 0.0}
-    env = make_vec(50, task=Task(references=single_family(family, **still).references, start=NO_DEVIATION))
+    task = Task(references=single_family(family, **still).references, start=NO_DEVIATION)
+    env = make_vec(50, vehicle=vehicle, task=task)
     env.reset(seed=0)
     references = [Reference.from_array(numbers) for numbers in env.world.reference]
     states = []
@@ -110,8 +112,9 @@ def test_a_start_without_deviation_is_on_the_reference_and_moves_along_it(family
         assert_allclose(info["tracking_error"], 0.0, atol=1e-14)
         states.append(copy.deepcopy(env.state))
     before, now, after = states
-    lift = np.add([reference.derivatives(0.0)[2, :3] for reference in references], (0.0, 0.0, GRAVITY))
-    assert_allclose(now.direction, lift / np.linalg.norm(lift, axis=-1, keepdims=True), atol=1e-12)
+    if vehicle == "paper":  # a pole with inertia leans less
+        lift = np.add([reference.derivatives(0.0)[2, :3] for reference in references], (0.0, 0.0, GRAVITY))
+        assert_allclose(now.direction, lift / np.linalg.norm(lift, axis=-1, keepdims=True), atol=1e-12)
     for name, rate in (("position", "velocity"), ("euler", "euler_rate"), ("direction", "direction_rate")):
         difference = (getattr(after, name) - getattr(before, name)) / (2.0 * step)
         assert_allclose(getattr(now, rate), difference, atol=1e-7, err_msg=rate)
