@@ -38,7 +38,7 @@ from quadpend_gym.wind import (
     StillAir,
 )
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 __all__ = [
     "OBSERVATION_FIELDS",
     "PAPER",

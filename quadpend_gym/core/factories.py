@@ -55,10 +55,10 @@ def find_factory(name: str) -> Callable[..., Any]:
     try:
         module = importlib.import_module(module_name)
     except (Exception, SystemExit) as error:  # the module may raise exceptions of any type, and end the program
-        raise ValueError(
-            f"the module of {name!r} cannot be imported from {os.getcwd()} or the installed packages:"
-            f" {describe_error(error)}"
-        ) from error
+        missing = getattr(error, "name", None)
+        if isinstance(error, ModuleNotFoundError) and f"{module_name}.".startswith(f"{missing}."):
+            raise ValueError(f"there is no module {missing!r} in {os.getcwd()} or the installed packages") from error
+        raise ValueError(f"the module {module_name!r} cannot be imported: {describe_error(error)}") from error
     try:
         found: Any = attrgetter(attribute)(module)
     except AttributeError:
@@ -78,6 +78,6 @@ def call_factory(name: str, factory: Callable[..., Any], *arguments: Any) -> Any
 
 def describe_error(error: BaseException) -> str:
     """Return type, message and place of an exception, such as "KeyError: 'x' (mine.py, line 7)"."""
-    frames = traceback.extract_tb(error.__traceback__)
+    frames = [one for one in traceback.extract_tb(error.__traceback__) if not one.filename.startswith("<frozen")]
     place = f" ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})" if frames else ""
     return f"{type(error).__name__}: {error}" + ("" if isinstance(error, SyntaxError) else place)

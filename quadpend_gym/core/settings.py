@@ -14,7 +14,7 @@ several fields is checked in ``__post_init__``.
 import functools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -28,8 +28,8 @@ from pydantic import (
     ValidationError,
 )
 from pydantic.dataclasses import dataclass as pydantic_dataclass
-from pydantic_core import CoreSchema, ErrorDetails
-from pydantic_core.core_schema import custom_error_schema, no_info_plain_validator_function
+from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
+from pydantic_core.core_schema import no_info_plain_validator_function, no_info_wrap_validator_function
 from typing_extensions import dataclass_transform
 
 Settings = TypeVar("Settings")
@@ -54,7 +54,15 @@ class Range:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         schema = handler(source)
         message = f"Input should be {_noun(schema)} {self}"
-        return custom_error_schema(self._limited(schema), custom_error_type="range", custom_error_message=message)
+
+        def check(value: Any, handler: Any) -> Any:
+            try:
+                return handler(value)
+            except ValidationError as error:
+                order = [item["ctx"]["error"] for item in error.errors() if item["type"] == "value_error"]
+                raise order[0] if order else PydanticCustomError("range", message) from None
+
+        return no_info_wrap_validator_function(check, self._limited(schema))
 
     def _limited(self, schema: Any) -> Any:
         """Return a schema whose numbers must be in the range."""
@@ -157,7 +165,7 @@ def _sentence(kind: Any, error: ErrorDetails) -> str:
     value, what = error["input"], error["msg"].replace("Input should", "must", 1)
     if error["type"] in ("unexpected_keyword_argument", "unexpected_positional_argument"):
         owner, _, name = path.rpartition(".")
-        known = names if owner == kind.__name__ else []
+        known = _fields_at(kind, owner.split(".")[1:])
         listed = f"; its fields are {', '.join(known)}" if known else ""
         return f"{owner} has no field {name!r}{suggest(name, known)}{listed}"
     if error["type"] in ("missing", "missing_argument"):
@@ -168,6 +176,17 @@ def _sentence(kind: Any, error: ErrorDetails) -> str:
         return f"{path}: {inner}" if first else inner
     text = repr(value)
     return f"{path} {what}, not {text if len(text) <= _LONGEST else text[:_LONGEST] + '…'}"
+
+
+def _fields_at(kind: Any, path: Iterable[str]) -> list[str]:
+    """Return the fields of the settings class at a path of fields; none where it is no class or one of several."""
+    for name in path:
+        hint = get_type_hints(kind).get(name)
+        kinds = [each for each in (hint, *get_args(hint)) if is_dataclass(each)]
+        if len(kinds) != 1:
+            return []
+        (kind,) = kinds
+    return [item.name for item in fields(kind) if item.init]
 
 
 def plain(value: Any) -> Any:

@@ -215,7 +215,8 @@ def refuse_held_out(names: Iterable[Any]) -> None:
 
     Names, files and vehicles do not matter, only what disturbs the flight: the fields `_DISTURBANCES` and the wind.
     """
-    training = {member for name, members in SETS.items() if name.startswith("training") for member in members}
+    sets = [name for name in SETS if name.startswith("training")]
+    training = {member for name in sets for member in SETS[name]}
     held_out = [SCENARIOS[member] for name in HELD_OUT for member in SETS.get(name, (name,)) if member not in training]
     for name in names:
         for scenario in find_scenarios([name]).values():
@@ -223,7 +224,7 @@ def refuse_held_out(names: Iterable[Any]) -> None:
                 given = scenario.name if isinstance(name, Scenario) else name
                 what = "" if given == found[0] else f" with {found[0]!r}"
                 raise ValueError(
-                    f"scenarios cannot be {given!r}, which is held out{what}: use 'training' or other scenarios"
+                    f"scenarios cannot be {given!r}, which is held out{what}: use one of {', '.join(sets)}, or others"
                 )
 
 

@@ -219,9 +219,11 @@ def as_vehicle(value: Any) -> Vehicle:
     if isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml")):
         path = Path(value)
         try:
-            return Vehicle(**{"name": path.stem, **read_toml(path)})
+            data = read_toml(path)
         except OSError as error:
             raise ValueError(f"the vehicle file {str(path)!r} cannot be read: {error.strerror}") from error
+        try:
+            return Vehicle(**{"name": path.stem, **data})
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
     if isinstance(value, str):

@@ -99,7 +99,8 @@ def test_a_sentence_says_what_is_wrong() -> None:
         ({}, "pole lacks the field 'mass'"),
         ({"mass": 2}, "pole.mass must be a finite number from 0.1 to 1 kg, not 2"),
         ({"mass": 1, "force": [1, 2]}, force),
-        ({"mass": 1, "thrust": (2, 1)}, "must be None or 2 finite numbers from 0 to 9, not (2, 1)"),
+        ({"mass": 1, "thrust": (2, 1)}, "pole.thrust: the numbers must be in the order (lowest, highest), not (2"),
+        ({"mass": 1, "thrust": (2, 10)}, "must be None or 2 finite numbers from 0 to 9, not (2, 10)"),
         (3, "pole must be a Pole or a mapping of its fields, not 3"),
     ):
         with pytest.raises(ValueError, match=re.escape(sentence)):

@@ -76,7 +76,8 @@ class CPolicy(Policy):
         self.path, self.name, self.scale = Path(path), Path(path).stem, np.ones(4)
         header = self.path.with_suffix(".h")
         if not self.path.is_file() or not header.is_file():
-            raise ValueError(f"there must be a C file {self.path} with a header {header}, written by quadpend export")
+            written = f"`quadpend export POLICY --to c --out {self.path.with_suffix('.c')}` writes both"
+            raise ValueError(f"there must be a C file {self.path} with a header {header}: {written}")
         text, include = header.read_text(encoding="utf-8"), f'#include "{header.name}"'
         found = re.findall(rf'#define {self.name}_(PERIOD|LATENCY|INTERFACE|VEHICLE) ("[^"]*"|[\w.]+)', text)
         self.designed = {name: value.strip('"') for name, value in found}
