@@ -4,7 +4,7 @@ The vehicle flies the windows of the logs open loop (`replay`). A fit minimises 
 body rate at several times of a window, each divided by its root mean square in its log at this time, with a loss that
 is linear for large errors: gentle and quick flights, early and late errors count alike. The logged start of a window
 has errors too: what a small change of the start explains is subtracted from the errors of each window. The velocity
-does not count, since most logs have it from a filter, whose lag would be fitted.
+counts too if it is logged: in NanoDrone's flights this predicts flights of other kinds better (docs/real-flights.md).
 Mass, gravity and the geometry of the rotors are known. From motions and motor numbers follow:
 
 | name                   | what the log shows                                                                        |
@@ -34,8 +34,8 @@ Intervals: 95 %, from the covariance of blocks of windows, H⁻¹ (Σ gᵦ gᵦ�
 Hessian H = Jᵀ diag(ρ″) J of the loss ρ, and Student's t. Errors in neighbouring windows depend on each other, which H⁻¹
 alone leaves out. White noise of the motor numbers biases the fit: as much noise again, added to the log, moves the
 minimum by about this bias, in one Newton step. The bias is subtracted, and counts as a deviation. If a
-regression on the motors explains less than 40 % of the angular accelerations about x and y, as in gentle flight,
-inertia, lag, delay and torques of the drag count as not identified.
+regression on the motors explains less than 40 % of the angular accelerations about x and y, as in gentle flight, in the
+mean over the logs, inertia, lag, delay and torques of the drag count as not identified.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,8 @@ _EARLY = 0.3  # of the root mean square over a window: least scale of errors, si
 _THINNEST = 0.02  # of the sum: least second moment of mass along an axis
 _IGNORED = 1e9  # scale of errors that do not count
 _GENTLE = 0.4  # share of the angular accelerations that motors explain, below which neither order nor inertia shows
-_FAR = 3.0  # times a quantity of the start vehicle: doubtful
+_FAR, _FARTHER = 3.0, 6.0  # times a quantity of the start vehicle: doubtful; of drags and lags, which are less known
+_LESS_KNOWN = ("lag", "drag", "pole_drag")
 _SLOW = 0.1  # s: half width of the means of body rates that are compared with those of the attitude
 _STILL = 0.3  # correlation of `falling` below which noise hides the pole's motion
 _BY_TURNS = ("inertia_roll", "inertia_pitch", "lag", "delay", "drag_height", "angular_drag")
@@ -218,7 +219,8 @@ def fit(windows: Sequence[Windows], start: Vehicle) -> Found:
     values = found.values
     nothing = {name: Estimate(name, value, np.inf, (-np.inf, np.inf), False, True) for name, value in missing.items()}
     estimates = {name: (estimates | nothing)[name] for name in quantities}
-    gentle = max(regression(log, start)[0] for log in logs) < _GENTLE
+    shares = [regression(log, start)[0] for log in logs]
+    gentle = bool(np.average(shares, weights=[len(log) for log in logs]) < _GENTLE)
     if gentle:
         estimates |= {name: replace(estimates[name], identified=False) for name in _BY_TURNS}
     values |= {name: found.value for name, found in estimates.items() if not found.blind}
@@ -234,17 +236,29 @@ def fit(windows: Sequence[Windows], start: Vehicle) -> Found:
 
 def doubts_of(found: Found, start: Vehicle) -> list[str]:
     """Return sentences about the quantities that are far from those of the start vehicle."""
-    names = ("inertia_roll", "inertia_pitch", "thrust_coefficient")
-    before, after = (
-        (*np.diag(each.inertia_matrix)[:2].tolist(), rotors_of(each).thrust_coefficient or 0.0)
-        for each in (start, found.vehicle)
-    )
+    before, after = _numbers(start), _numbers(found.vehicle)
+    ratios = {name: max(after[name] / old, 1e-9) for name, old in before.items() if old}
     return [
-        f"{name} is {new / old:.2g} times that of {start.name}; check its mass, positions and units, or fly quicker:"
+        f"{name} is {ratio:.2g} times that of {start.name}; check its mass, positions and units, or fly quicker:"
         " gentle flights under control show too much inertia"
-        for name, old, new in zip(names, before, after, strict=True)
-        if old and not 1.0 / _FAR < new / old < _FAR
+        for name, ratio in ratios.items()
+        if abs(np.log(ratio)) > np.log(_FARTHER if name.startswith(_LESS_KNOWN) else _FAR)
     ]
+
+
+def _numbers(vehicle: Vehicle) -> dict[str, float]:
+    """Return what a fit changes of a vehicle, and what not only a log knows."""
+    rotors, (roll, pitch, _) = rotors_of(vehicle), np.diag(vehicle.inertia_matrix).tolist()
+    return {
+        "inertia_roll": roll,
+        "inertia_pitch": pitch,
+        "thrust_coefficient": rotors.thrust_coefficient or 0.0,
+        "torque_per_thrust": rotors.torque_per_thrust,
+        "lag": rotors.lag_up,
+        **dict(zip(("drag_x", "drag_y", "drag_z"), vehicle.drag.rotor, strict=True)),
+        "pole_length": vehicle.pole.length,
+        "pole_drag_area": vehicle.pole.drag_area,
+    }
 
 
 def possible(roll: float, pitch: float, yaw: float) -> tuple[float, float, float]:
@@ -417,7 +431,8 @@ def _scales(found: Floats, log: FlightLog) -> Floats:
     """Return the scales of the errors in the windows of a log, shape (times, w, c)."""
     squares = (found.reshape(*found.shape[:2], -1, 3) ** 2).mean(axis=(1, 3))
     sizes = np.sqrt(np.maximum(squares, _EARLY**2 * squares.mean(axis=0)))
-    sizes[:, 1] = _IGNORED
+    if not log.has_velocity:
+        sizes[:, 1] = _IGNORED
     if not log.has_position:
         sizes[:, 0] = _IGNORED
     return np.broadcast_to(np.repeat(np.maximum(sizes, 1e-9), 3, axis=1)[:, np.newaxis], found.shape)

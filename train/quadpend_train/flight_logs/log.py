@@ -106,6 +106,7 @@ class FlightLog:
         voltage: Voltage of the battery in units of `NOMINAL`, shape (n,); ones if it is not logged.
         is_command: Whether `motors` are commands, so that their squares are only about proportional to the thrusts.
         notes: Sentences about what was left out.
+        has_velocity: Whether the velocity is logged, and no derivative of the position.
     """
 
     name: str
@@ -123,6 +124,7 @@ class FlightLog:
     voltage: Floats = field(default_factory=lambda: np.ones(1))
     is_command: bool = False
     notes: tuple[str, ...] = ()
+    has_velocity: bool = False
 
     def __len__(self) -> int:
         return len(self.position)
@@ -263,6 +265,7 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
         resampled([columns.voltage])[:, 0] / NOMINAL if columns.voltage else np.ones(1),
         columns.motor_unit in ("1", "pwm16"),
         tuple(notes),
+        columns.velocity is not None,
     )
     return _flight(log) if columns.position and columns.quaternion else log
 
