@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.law import Law
@@ -15,7 +15,7 @@ from quadpend_baselines.hybrid import Hybrid
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_baselines.registry import controller_of
-from quadpend_gym import Parameters, QuadPendulumVectorEnv, Reference, Simulation
+from quadpend_gym import Parameters, Reference, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.plants import plant_of
@@ -32,13 +32,6 @@ def simulation_of(p: Parameters, torque: tuple[float, float] = (5.0, 1.0), **opt
     inertia, pole = (p.inertia_roll, p.inertia_pitch, p.inertia_yaw), Pole(p.bob_mass, p.rod_length)
     vehicle = Vehicle(mass=p.quadrotor_mass, inertia=inertia, pole=pole, attitude="euler", torque=torque)
     return Simulation(vehicle=replace(vehicle, gravity=p.gravity), **options)
-
-
-def make_vec_of(simulation: Simulation, rows: int, **parts: Any) -> QuadPendulumVectorEnv:
-    """Return a vector environment of a simulation, without autoreset."""
-    names = ("vehicle", "interface", "period", "substeps", "latency")
-    parts |= {name: getattr(simulation, name) for name in names}
-    return QuadPendulumVectorEnv(rows, autoreset_mode=AutoresetMode.DISABLED, **parts)
 
 
 def quick_controller(name: str) -> Any:
@@ -168,29 +161,22 @@ def rotate_states(state: Floats, angle: float) -> Floats:
 Agent = Callable[[Floats32], Floats32]
 
 
-def zero_action(seen: Floats32) -> Floats32:
-    """The agent that always outputs zero."""
-    return np.zeros((len(seen), 4), np.float32)
-
-
 def constant(*action: float) -> Agent:
     """An agent that always outputs `action`."""
     return lambda seen: np.tile(np.float32(action), (len(seen), 1))
 
 
 class HybridPolicy:
-    """A hybrid and its agent as one policy with the `predict` protocol; it records the agent's observations."""
+    """A hybrid and its agent as one policy with the `predict` protocol."""
 
-    def __init__(self, hybrid: Hybrid, agent: Agent = zero_action) -> None:
+    def __init__(self, hybrid: Hybrid, agent: Agent) -> None:
         self.hybrid, self.agent = hybrid, agent
-        self.seen: list[Floats32] = []
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
         started = episode_start_mask(episode_start, state is None, len(observation))
         seen, memory = self.hybrid.observe(observation, state, started)
-        self.seen.append(seen)
         return self.hybrid.act(self.agent(seen), memory)
 
 

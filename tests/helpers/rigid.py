@@ -49,12 +49,6 @@ def random_vehicle(seed: int, with_rotors: bool = False, **fields: Any) -> Vehic
     return Vehicle(float(mass), **{**given, **fields})
 
 
-def rotors_of(vehicle: Vehicle) -> Rotors:
-    """Return the rotors of a vehicle that has some."""
-    assert vehicle.rotors is not None
-    return vehicle.rotors
-
-
 @dataclass(frozen=True)
 class Flight:
     """A vehicle in motion: state (n, 18) and memory (n, 11), see `plants`; `simulation` names the vehicle."""

@@ -5,7 +5,7 @@ either a thrust and torques in the body frame or four rotors with their places, 
 propeller inertia and one time constant of a rotor.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,9 +18,6 @@ from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.vehicles import Simulation, Vehicle
 from tests.helpers.physics import random_disturbances
 from tests.helpers.rigid import Flight, start_tumbling
-
-# Factors of random disturbances of order one: forces of 1 N on body and pole, torques of 0.1 N·m.
-UNIT_FORCES = np.array([1.0] * 6 + [0.1] * 3)
 
 # MuJoCo needs an inertia of the pole; beside m l² of the whole pole that of a point mass is negligible, and with zero
 # spin that about its axis has no effect.
@@ -138,14 +135,12 @@ def rigid_position_errors(
     period: float,
     substeps: list[int],
     timestep: float,
-    forces: Floats = UNIT_FORCES,
+    forces: Floats,
 ) -> Comparison:
     """Compare the positions of body and pole with MuJoCo's in a tumbling flight with random inputs.
 
-    The actions are those of the rotors, or thrust and torques for a vehicle without rotors.
-
     Args:
-        vehicle: The vehicle, without drag.
+        vehicle: The vehicle, with rotors and without drag.
         seed: Seed of start, actions and disturbances, which are constant during a period.
         duration: Duration, s.
         period: Control period, s.
@@ -153,15 +148,14 @@ def rigid_position_errors(
         timestep: Step of MuJoCo, s.
         forces: Standard deviations of the disturbances, N and N·m, shape (9,).
     """
-    interface: Any = "wrench" if vehicle.rotors is None else "rotors"
-    simulations = {n: Simulation(vehicle=vehicle, interface=interface, period=period, substeps=n) for n in substeps}
+    simulations = {n: Simulation(vehicle=vehicle, interface="rotors", period=period, substeps=n) for n in substeps}
     flights = {number: start_tumbling(simulation, 1, seed) for number, simulation in simulations.items()}
     simulation, rng = simulations[substeps[0]], np.random.default_rng([5, seed])
     engine, rate = Engine(flights[substeps[0]], timestep), 0.0
     largest = dict.fromkeys(substeps, 0.0)
     for disturbance in random_disturbances(round(duration / period), seed):
         action = rng.uniform(-1.0, 1.0, 4)
-        action[1:] *= 0.03 if vehicle.rotors is None else 0.3
+        action[1:] *= 0.3
         disturbance *= forces
         engine.advance(command_of(action, simulation), disturbance, period)
         for number in substeps:

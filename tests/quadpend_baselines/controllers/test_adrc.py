@@ -21,7 +21,7 @@ from quadpend_gym import (
     Simulation,
 )
 from quadpend_gym.sensors import Noise
-from tests.helpers.controllers import simulation_of
+from tests.helpers.controllers import run_policy, simulation_of
 
 EPISODES = 30
 
@@ -43,14 +43,8 @@ def predicted_offset(gains: AdrcGains, simulation: Simulation) -> float:
 def settled_rmse(policy: Policy, wind: Any, reference: Any = None) -> tuple[float, float]:
     """Return the RMSE (m) of horizontal bob position and of height over the last 5 of 10 s; no episode terminates."""
     env = QuadPendulumVectorEnv(EPISODES, wind=wind, autoreset_mode=AutoresetMode.DISABLED, duration=11.0)
-    observation, _ = env.reset(seed=7, options={} if reference is None else {"reference": reference})
-    memory, errors = None, []
-    for _ in range(1000):
-        action, memory = policy.predict(observation, memory)
-        observation, _, terminated, _, info = env.step(action)
-        assert not terminated.any()
-        errors.append(info["tracking_error"])
-    squares = np.mean(np.square(errors[500:]), axis=(0, 1))
+    _, results = run_policy(policy, env, 1000, options={} if reference is None else {"reference": reference})
+    squares = np.mean(np.square([info["tracking_error"] for *_, info in results[500:]]), axis=(0, 1))
     return float(np.sqrt(squares[0] + squares[1])), float(np.sqrt(squares[2]))
 
 
@@ -82,13 +76,9 @@ def test_30_percent_of_false_inertia_does_not_make_the_matched_law_fall() -> Non
     inertia = {name: 1.3 * getattr(PAPER, name) for name in ("inertia_roll", "inertia_pitch")}
     vehicle = simulation_of(PAPER._replace(**inertia)).vehicle
     env = QuadPendulumVectorEnv(4, vehicle=vehicle, wind=Constant((0.1, 0.0, 0.0)))
-    observation, _ = env.reset(seed=0, options={"reference": Reference.hover()})
-    policy, memory = controller("adrc-matched"), None
-    for _ in range(500):
-        action, memory = policy.predict(observation, memory)
-        observation, _, terminated, _, info = env.step(action)
-        assert not terminated.any()
-    assert np.linalg.norm(info["tracking_error"], axis=1).max() < 1e-3
+    _, results = run_policy(controller("adrc-matched"), env, 500, options={"reference": Reference.hover()})
+    assert not np.any([terminated for *_, terminated, _, _ in results])
+    assert np.linalg.norm(results[-1][4]["tracking_error"], axis=1).max() < 1e-3
 
 
 @pytest.mark.parametrize(("bandwidth", "falls"), [(500.0, True), (15.0, False)])

@@ -22,6 +22,7 @@ from tests.helpers.controllers import (
     HOVER,
     disturbance_of,
     hover_states,
+    run_policy,
     simulate_with_true_state,
     simulation_of,
 )
@@ -78,13 +79,8 @@ def settled(policy: OutputFeedback, wind: Floats, seconds: float = 20.0) -> Floa
     """Return the tracking error (m) at hover after some time in a constant wind, shape (3,)."""
     constant = Constant(*map(tuple, np.split(wind, 3)))
     env = QuadPendulumVectorEnv(1, wind=constant, autoreset_mode=AutoresetMode.DISABLED, duration=seconds + 1.0)
-    observation, _ = env.reset(seed=3, options={"reference": HOVER})
-    memory = None
-    for _ in range(round(seconds / env.world.simulation.period)):
-        action, memory = policy.predict(observation, memory)
-        observation, _, terminated, _, info = env.step(action)
-        assert not terminated.any()
-    return np.asarray(info["tracking_error"][0])
+    steps = round(seconds / env.world.simulation.period)
+    return np.asarray(run_policy(policy, env, steps, options={"reference": HOVER})[1][-1][4]["tracking_error"][0])
 
 
 def test_offset_of_lqr_in_steady_wind_is_that_of_the_linear_model() -> None:

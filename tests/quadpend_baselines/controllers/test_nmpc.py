@@ -18,7 +18,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import State
 from quadpend_gym.scenarios import Scenario
-from tests.helpers.controllers import CALM, HOVER, flat_state_and_command, run_law, tilted_pendulum
+from tests.helpers.controllers import CALM, HOVER, flat_state_and_command, run_law, run_policy, tilted_pendulum
 from tests.helpers.physics import simulate_period
 
 FEEDBACK = LqrGains(0.4, 1.3, 1.6, 3.5)
@@ -99,14 +99,8 @@ def test_a_rigid_vehicle_hovers_in_wind_with_its_latency(interface: Any) -> None
     wind = {"kind": "ornstein_uhlenbeck", "force": 0.12}
     scenario = Scenario(vehicle="hummingbird", interface=interface, latency=0.02, wind=wind, duration=4.0)
     env = scenario.make_vec(1, AutoresetMode.DISABLED)
-    policy, memory, start = controller("nmpc").adapt(scenario), None, np.ones(1, np.bool_)
-    observation, _ = env.reset(seed=3)
-    for _ in range(scenario.steps):
-        action, memory = policy.predict(observation, memory, start)
-        observation, _, terminated, _, info = env.step(action)
-        start = np.zeros(1, np.bool_)
-        assert not terminated[0]
-    assert np.linalg.norm(info["tracking_error"][0]) < 0.06
+    _, results = run_policy(controller("nmpc").adapt(scenario), env, scenario.steps)
+    assert np.linalg.norm(results[-1][4]["tracking_error"][0]) < 0.06
 
 
 def test_threads_that_share_a_controller_get_the_actions_of_separate_ones() -> None:

@@ -37,10 +37,10 @@ from tests.helpers.controllers import (
     CALM,
     disturbance_of,
     flat_state_and_command,
-    make_vec_of,
     simulate_with_true_state,
     simulation_of,
 )
+from tests.helpers.envs import make_vec
 from tests.helpers.physics import UNEQUAL
 
 # Gains with a short memory, below one second, and those of the controllers.
@@ -180,7 +180,7 @@ def test_gain_converges_to_that_of_the_steady_kalman_filter_and_is_stable(
 def test_rates_that_are_not_measured_begin_with_those_of_a_start_on_the_reference() -> None:
     """With a pole of inertia, those of a point mass in its centre of mass are off by 0.8 mm/s and 1.4 mrad/s."""
     simulation, task = Simulation(vehicle="hummingbird"), Task(start=StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    env = make_vec_of(simulation, 20, task=task)
+    env = make_vec(20, simulation, task=task)
     observation, _ = env.reset(seed=2)
     start = State(measurement_from_observation(observation, simulation.parameters.rod_length).state)
     begun = State(Estimator(FAST, simulation, OUTPUTS).observe(observation[:, OUTPUT_FEEDBACK_COLUMNS]).state)

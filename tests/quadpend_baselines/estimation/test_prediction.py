@@ -16,7 +16,8 @@ from quadpend_baselines.gains import tuning
 from quadpend_gym import PAPER, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Booleans, Floats
-from tests.helpers.controllers import HOVER, make_vec_of, measurement_of
+from tests.helpers.controllers import HOVER, measurement_of
+from tests.helpers.envs import make_vec
 
 DELAYED = (ActionDelay(3), MotorLag(0.02))
 CIRCLE = Reference(
@@ -45,7 +46,8 @@ def fly(
 ) -> Flight:
     """Fly a controller that knows a simulation and a loop of sensors and actuators, in calm air."""
     sensors, actuators = loop
-    env = make_vec_of(simulation, 4, sensors=sensors, actuators=actuators, parameters=parameters)
+    known = {"sensors": sensors, "actuators": actuators, "parameters": parameters}
+    env = make_vec(4, simulation, autoreset_mode="Disabled", **known)
     world = env.world
     policy = policy.designed_for(simulation, Loop.of(sensors, actuators))
     observation, _ = env.reset(seed=3, options={"reference": reference})

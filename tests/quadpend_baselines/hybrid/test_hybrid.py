@@ -75,7 +75,7 @@ def test_zero_residual_is_the_base_controller_alone(name: str, outputs: str) -> 
     """Exactly, in every sub-environment, across the ends of episodes."""
     runs = []
     base = controller(name).designed_for(Simulation(), Loop(observation=as_layout(outputs)))
-    for policy in (base, HybridPolicy(ResidualAction(base, 0.7))):
+    for policy in (base, HybridPolicy(ResidualAction(base, 0.7), constant(0.0, 0.0, 0.0, 0.0))):
         env = make_vec(6, wind="windy", observation=outputs, **SAME_STEP, **SHORT)
         runs.append(run_policy(policy, env, 70))
     assert_same(runs[0][0], runs[1][0])

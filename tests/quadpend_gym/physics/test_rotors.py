@@ -14,9 +14,9 @@ from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import make_rigid_settings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.rotors import allocate
 from quadpend_gym.physics.vectors import load_four, store_four
-from quadpend_gym.vehicles import VEHICLES, Pole, RateLoop, Simulation, Vehicle, mixing
+from quadpend_gym.vehicles import VEHICLES, Pole, RateLoop, Simulation, Vehicle, mixing, rotors_of
 from tests.helpers.random_settings import INTERFACES
-from tests.helpers.rigid import at_rest, random_vehicle, rotors_of, start
+from tests.helpers.rigid import at_rest, random_vehicle, start
 
 PRESETS = [name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid"]
 LIGHT = Pole(1e-5, 0.01)
