@@ -1,35 +1,26 @@
-"""Found of vehicles from flight logs: simulated vehicles, and the public logs of a Crazyflie 2.1 Brushless.
+"""Identification of simulated vehicles.
 
     python -m experiments.identification                    # 20 simulated vehicles: docs/identification/simulated.csv
     python -m experiments.identification --poles --vehicles 10       # with poles, upright and hanging: poles.csv
-    python -m experiments.identification --logs A.csv B.csv --columns C.toml     # fit on each log, test on the others
 
-The public logs are those of github.com/idsia-robotics/nanodrone-sysid-benchmark (branch model_export, folders
-data/real/processed/train and data/real/raw/parquets), which states no licence, so they are not part of this repository.
+Vehicles and poles are random; a fit begins with the true mass and geometry.
 """
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.integrate import cumulative_trapezoid
 
 from experiments.pages import DOCS
 from experiments.simulated_logs import simulated_log
-from quadpend_gym.core.files import read_toml
 from quadpend_gym.vehicles import VEHICLES, Vehicle, rotors_of
-from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.flight_logs.identify import QUANTITIES, identify, stretched
-from quadpend_train.flight_logs.log import Columns, FlightLog, make_log
-from quadpend_train.flight_logs.replay import compare, windows_of
 
 PATH, POLES = DOCS / "identification/simulated.csv", DOCS / "identification/poles.csv"
 FLIGHTS = {"upright": (1.0,), "hanging": (-1.0,), "none, upright": (0.0, 1.0), "none, hanging": (0.0, -1.0)}
 BASES = ("hummingbird", "crazyflie-brushless", "racer", "x500")
-AT = 0.25  # s: when the shares of `public` are taken
 LISTED = ("thrust_coefficient", "torque_per_thrust", "inertia_roll", "inertia_pitch", "drag_x", "drag_y", "drag_z")
 
 
@@ -138,71 +129,12 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(parts).reindex([name for name in QUANTITIES if name in set(table.quantity)])
 
 
-def read(path: Path, columns: Columns) -> tuple[FlightLog, float]:
-    """Return a log without spikes of the motors, and the position error after `AT` of the accelerometer (m).
-
-    The error is the root mean square over the windows of `compare`, from the logged starts, with the logged specific
-    force in the world frame in place of a model.
-    """
-    table = pd.read_csv(path)
-    motors = table[list(columns.motors)]
-    table = table[~(motors > 3.0 * motors.median()).any(axis=1)]
-    log = make_log(path.stem, table, columns)
-    force = make_log(path.stem, table, replace(columns, velocity=("ax", "ay", "az"))).velocity
-    once = cumulative_trapezoid(force - [0.0, 0.0, 9.81], dx=log.period, axis=0, initial=0)
-    twice, first = cumulative_trapezoid(once, dx=log.period, axis=0, initial=0), windows_of(log, 0.5, 0.05).first
-    last = first + round(AT / log.period)
-    moved = twice[last] - twice[first] + AT * (log.velocity - once)[first]
-    return log, float(np.sqrt(((log.position[last] - log.position[first] - moved) ** 2).sum(axis=1).mean()))
-
-
-def public(paths: list[Path], columns: Columns, start: str) -> pd.DataFrame:
-    """Return one row for each pair of logs: errors on one of the vehicle fitted on the other one, as shares.
-
-    Columns: after `AT`, shares of the errors of the start; the largest shares of the errors of `held` from 0.1 to
-    0.5 s; and the position error of the accelerometer as a share of that of the start.
-    """
-    vehicle, rows = as_vehicle(start), list[dict[str, Any]]()
-    logs = [read(path, columns) for path in paths]
-    for fitted, _ in logs:
-        found = identify([fitted], vehicle, training=1.0)
-        print(f"\nFitted on {fitted.name}\n{found.table()}", flush=True)
-        for log, floor in logs:
-            if log is fitted:
-                continue
-            rms = compare(log, {"start": vehicle, "new": found.vehicle}, delay=found.delay)
-            at, span = round(AT / log.period), slice(round(0.1 / log.period), None)
-            row: dict[str, Any] = {"fitted": fitted.name, "tested": log.name}
-            for channel in ("position", "attitude"):
-                row[channel] = rms["new"][channel][at] / rms["start"][channel][at]
-                row[f"{channel} of held"] = (rms["new"][channel][span] / rms["held"][channel][span]).max()
-            rows.append(row | {"accelerometer": floor / rms["start"]["position"][at]})
-            print(" ".join(f"{x:.2f}" if isinstance(x, float) else str(x) for x in rows[-1].values()), flush=True)
-    return pd.DataFrame(rows)
-
-
-def by_kind(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the ranges of the shares over the pairs of each two kinds of flights; names begin with the kind."""
-    kinds = [table[name].str.extract("^([a-z]+)", expand=False) for name in ("fitted", "tested")]
-    ranges = table.drop(columns=["fitted", "tested"]).groupby(kinds).agg(lambda x: f"{x.min():.2f} to {x.max():.2f}")
-    return ranges.assign(pairs=table.groupby(kinds).size())
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--vehicles", type=int, default=20, help="number of simulated vehicles")
     parser.add_argument("--poles", action="store_true", help="fly with poles")
-    parser.add_argument("--logs", type=Path, nargs="+", help="public logs, instead of simulated vehicles")
-    parser.add_argument("--columns", type=Path, help="TOML file with the columns of the logs")
-    parser.add_argument("--start", default="crazyflie-brushless", help="vehicle where fits begin")
     given = parser.parse_args()
-    if given.logs:
-        print(
-            by_kind(
-                public(given.logs, Columns(**read_toml(given.columns)) if given.columns else Columns(), given.start)
-            ).to_string()
-        )
-    elif given.poles:
+    if given.poles:
         tables = {name: simulated(given.vehicles, sides=sides) for name, sides in FLIGHTS.items()}
         pd.concat(tables, names=["flights"]).droplevel(1).to_csv(POLES, float_format="%.6g")
         for name, table in tables.items():

@@ -51,6 +51,18 @@ def manoeuvre(time: float, share: float = 1.0) -> tuple[Floats, Floats, Floats, 
     return values, first, second, float(np.interp(time % 6.0, _TURN_TIMES, _TURN_ANGLES))
 
 
+def turn_error(attitude: Floats, lift: Floats, yaw: float) -> Floats:
+    """Return the turn about the body axes that leads from an attitude (body to world) to a lift and a yaw, rad, (3,).
+
+    Its tilt does not depend on the yaw error, which is limited.
+    """
+    z, c, s = lift / np.sqrt(lift @ lift), np.cos(yaw), np.sin(yaw)
+    y = np.array([-z[2] * s, z[2] * c, z[0] * s - z[1] * c])
+    y /= np.sqrt(y @ y)
+    m = attitude.T @ np.column_stack([np.cross(y, z), y, z])
+    return np.array([-m[1, 2], m[0, 2], min(max(0.15 * (m[1, 0] - m[0, 1]), -0.15), 0.15)])
+
+
 def pole_gains(vehicle: Vehicle, speed: float, side: float) -> Floats:
     """Return the feedback of position to jerk, r and ṙ along x or y to an acceleration, shape (6,).
 
@@ -107,13 +119,7 @@ def simulated_log(
             chain += [bare.gravity * turning, view.direction[0] - lean, view.direction_rate[0]]
             wanted[:2] = (a - gains @ np.array(chain))[:2]
         lift = mass * wanted
-        z = lift / np.sqrt(lift @ lift)
-        c, s = np.cos(yaw), np.sin(yaw)
-        y = np.array([-z[2] * s, z[2] * c, z[0] * s - z[1] * c])
-        y /= np.sqrt(y @ y)
-        m = attitude.T @ np.column_stack([np.cross(y, z), y, z])
-        turn = min(max(0.15 * (m[1, 0] - m[0, 1]), -0.15), 0.15)
-        error = np.array([-m[1, 2], m[0, 2], turn])  # a tilt error that does not depend on the yaw error
+        error = turn_error(attitude, lift, yaw)
         turning = speed**2 * error - 2.0 * speed * np.array([1.0, 1.0, 0.5]) * memory[0, BODY_RATE:ROTOR_THRUST]
         dragged = bare.drag.height * np.array(bare.drag.rotor) * (view.velocity[0] @ attitude)
         torque = inertia @ turning + np.array([-dragged[1], dragged[0], 0.0])  # against the drag's
