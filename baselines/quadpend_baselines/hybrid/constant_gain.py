@@ -12,9 +12,10 @@ With A, B, C and the gain L of `lqg`'s filter,
     (2)  z = z⁻ + (L + s ΔL) i,                  i = y − C z⁻, limited; without a new sample i = 0
     (3)  z_N = A^N z + A^{N−1} B u_{k−N} + … + B u_{k−1}, when the next action acts
 
-s is that of equation (4) of `estimation.kalman`. The gain is steady from the first sample on and after a drop-out, and
-the filter knows no limit of the rotors, so it takes a saturated start for wind. A network that flies with it has to
-know these. N is the latency in whole periods, rounded.
+s is that of equation (4) of `estimation.kalman`. L and ΔL are those of its table of gains after coasts, with lines
+between 0, 4, 10 and 30 periods without a sample. They are steady from the first sample on, and the filter knows no
+limit of the rotors, so it takes a saturated start for wind. A network that flies with it has to know these. N is the
+latency in whole periods, rounded.
 
 | part                                              | size | scale                |
 |---------------------------------------------------|------|----------------------|
@@ -56,6 +57,7 @@ _SIZE = _WIND + MODEL_DISTURBANCE_SIZE
 _RISE, _PSI, _BOB = 5, 8, _WIND + MODEL_BOB_FORCE.start
 _VECTORS, _SPATIAL = (0, 3, _WIND, 12, 14, _BOB), 3  # x components of vectors of z; the first have a z component
 _LEAST = 0.1  # of 1 + n_z, and m/s² of the apparent gravity
+_COASTS = 0, 4, 10, 30  # control periods
 _INNOVATION = 0.005  # scale
 _LIMIT, _LIMIT_RATE = 0.05, 3.0  # of i: m and rad, and these a second since the last sample
 _MOST = 100.0  # scales that bound z
@@ -72,8 +74,8 @@ class ConstantGain(NamedTuple):
 
     A: Floats  # (28, 28)
     B: Floats  # (28, 4)
-    gain: Floats  # L, (28, 8)
-    gust: Floats  # ΔL, (28, 8)
+    gain: Floats  # L after a coast of each length of `_COASTS`, less that after the one before, (4, 28, 8)
+    gust: Floats  # ΔL likewise, (4, 28, 8)
     ahead: Floats  # A^N, (28, 28)
     under_way: Floats  # A^{N−1} B … B, (28, 4 N)
     feedback: Floats  # −F, (4, 28)
@@ -96,16 +98,16 @@ def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NO
     model = linearise_actions(simulation)
     states = len(model.transition)
     place = np.r_[0:states, _WIND:_SIZE]
-    A, B, gain = np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, ACTION_SIZE)), np.zeros((2, _SIZE, MEASURED_SIZE))
+    A, B, gain = np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, ACTION_SIZE)), np.zeros((2, len(_COASTS), _SIZE, MEASURED_SIZE))
     A[np.ix_(place, place)] = np.eye(len(place))
     A[np.ix_(place[:states], place[:states])], A[:states, _WIND:], B[:states] = (
         model.transition, model.disturbance, model.input,
     )  # fmt: skip
     position, euler, direction = map(max, noise, NOISE)
     law: Any = controller("lqg").designed_for(simulation, Loop(noise=(position, euler, direction), observation=LAB))
-    table, kept = law.estimator.tables[0][VARYING_STEPS - 1], np.r_[0:MODEL_STATE_SIZE, _WIND:_SIZE]
-    for k in range(table.shape[1] // MODEL_STATE_SIZE):
-        gain[k, kept] = table[:, MODEL_STATE_SIZE * k + np.array(_MEASURED)]
+    table, kept = law.estimator.tables[0][VARYING_STEPS - 1 + np.array(_COASTS)], np.r_[0:MODEL_STATE_SIZE, _WIND:_SIZE]
+    for k in range(table.shape[2] // MODEL_STATE_SIZE):
+        gain[k][:, kept] = np.diff(table[:, :, MODEL_STATE_SIZE * k + np.array(_MEASURED)], axis=0, prepend=0.0)
     n = int(simulation.latency / simulation.period + 0.5)
     powers = [np.linalg.matrix_power(A, k) for k in range(n + 1)]
     feedback = np.zeros((ACTION_SIZE, _SIZE))
@@ -217,6 +219,7 @@ def observe(
                 out[row, i + 2] = vector.z
         # Correction
         limit = _LIMIT + _LIMIT_RATE * last[row, _SINCE]
+        coast = last[row, _SINCE] / period
         now[row, _SINCE] = sample[row, 1]
         for k in range(MEASURED_SIZE):
             value = near_angle(y[row, k], out[row, _PSI]) if _MEASURED[k] == _PSI else y[row, k]
@@ -225,7 +228,11 @@ def observe(
         pull = out[row, _BOB] * out[row, _BOB] + out[row, _BOB + 1] * out[row, _BOB + 1]
         share = min(pull / (gust_force * gust_force), 1.0)
         for i in range(_SIZE):
-            found = out[row, i] + _product(gain, i, out, row, _SIZE) + share * _product(gust, i, out, row, _SIZE)
+            found = out[row, i]
+            for k in range(len(_COASTS)):
+                shorter, longer = _COASTS[k - 1] if k > 0 else -1, _COASTS[k]
+                after = min(max((coast - shorter) / (longer - shorter), 0.0), 1.0)
+                found += after * (_product(gain[k], i, out, row, _SIZE) + share * _product(gust[k], i, out, row, _SIZE))
             now[row, i] = min(max(select(begun > 0.5, found, 0.0), -bounds[i]), bounds[i])
         for k in range(MEASURED_SIZE):
             now[row, _MEASURED[k]] = select(begun > 0.5, now[row, _MEASURED[k]], y[row, k])
