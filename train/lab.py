@@ -29,6 +29,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import constant_gain, lab
 from quadpend_baselines.hybrid.lab import FILTER, LAB_SIZE, LAGS, NEAR, OUTPUT, lab_part
 from quadpend_baselines.policy.told import scaled_pole
@@ -63,7 +64,7 @@ CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "storm": ("flight_training_storm", {}),
     "storm again": ("flight_training_storm", {}),
     "push": ("flight_training_push", {}),
-    "noisy": ("flight_training_noisy", {}),
+    "noisy": ("flight_training_noisy", {"sensors": {**NOISE, "level": [3.0, 4.5]}}),
     "late": (
         "flight_training_late",
         {"loop": {"latency": [0.01, 0.038], "jitter": 0.002, "rate_loop": [0.8, 1.2], "thrust": [0.8, 1.2]}},
@@ -77,14 +78,19 @@ CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "uncertain": ("flight_training_uncertain", {}),
     "motion": ("flight_training_motion", {}),
-    "fast": ("flight_training_fast", {}),
+    "fast": ("flight_training_fast", {"task": {"references": {"acceleration": [1.0, 5.0]}}}),
     "wide": ("flight_training_wide", {}),
+    "sharp": ("flight_training_fast", {"task": {"references": {"radius": [0.6, 1.5], "acceleration": [3.0, 7.0]}}}),
     "gusts": ("flight_training_wind", {"wind": drawn(0.3, 1.5, kind="gusts", velocity=[2.0, 0.0, 0.0])}),
     "upset": ("flight_training_upset", {}),
     "jump": ("event_training_jump", {"task": {"jumps": {"distance": [0.03, 2.5], "yaw": [0.0, 3.0]}}}),
     "dropouts": (
         "event_training_dropouts",
         {"sensors": [NOISE, {"kind": "bursts", "length": [0.01, 0.6], "pause": [0.8, 1.0]}]},
+    ),
+    "blind": (
+        "event_training_dropouts",
+        {"sensors": [NOISE, {"kind": "bursts", "length": [0.3, 0.9], "pause": [0.8, 1.2]}]},
     ),
     "frozen": (
         "event_training_frozen",
@@ -96,7 +102,7 @@ CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "pole force": (
         "event_training_pole_force",
-        {"wind": drawn(0.1, 1.8, kind="ornstein_uhlenbeck", force=0.0, bob_force=0.05, time_constant=0.7)},
+        {"wind": drawn(0.1, 2.5, kind="ornstein_uhlenbeck", force=0.0, bob_force=0.05, time_constant=0.7)},
     ),
     "wind step": (
         "event_training_wind_step",
@@ -116,6 +122,7 @@ CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "start": ("event_training_start", {"task": {"start": {"pendulum_angle": [0.0, 0.7]}}}),
 }
 POLES = {f"pole {factor}": factor for factor in (0.35, 0.55, 0.8, 1.25, 1.6)}  # told, of these lengths
+OWN = {*POLES, "noisy"}  # scenarios with inputs and a teacher of their own, for their vehicle and their known noise
 # A scenario whose motion is that of all of them: it has their longest latency, and a hand
 MOTION: tuple[str, dict[str, Any]] = (
     "event_training_catch",
@@ -189,6 +196,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     if made := [file for seed in args.seeds if (file := args.out / f"lab-{seed}.npz").exists() and not args.prepare]:
         parser.error(f"{made[0]} exists: give another --out")
     args.kernels = args.kernels or args.out / "kernels"
+    args.scenarios = sorted(args.scenarios, key=OWN.__contains__)  # those with common inputs beside each other
     return args
 
 
@@ -210,7 +218,7 @@ def training_scenario(name: str) -> Any:
 
 
 def prepare(folder: Path, vehicle: str) -> None:
-    """Write the source of inputs and teacher for the vehicle of a scenario, ``"pole 0.35"``, or for the hummingbird."""
+    """Write the source of inputs and teacher for one of `OWN`, or for the other scenarios, ``"hummingbird"``."""
     import casadi as ca
 
     from quadpend_gym.device.control_step import rows_of
@@ -218,8 +226,8 @@ def prepare(folder: Path, vehicle: str) -> None:
     from quadpend_train.export.to_c import export_c
     from quadpend_train.policies.loading import load_policy
 
-    scenario = training_scenario(vehicle if vehicle in POLES else "wind")
-    part = lab_part(scenario.simulation)
+    scenario = training_scenario(vehicle if vehicle in OWN else "wind")
+    part = lab_part(scenario.simulation, Loop.known(scenario).noise)
 
     def make(observed: Any, action: Any, memory: Any) -> dict[str, Any]:
         nothing = ca.SX(ACTION_SIZE, 1), ca.SX(0, 1), row(ca.SX(0, 1))
@@ -309,7 +317,7 @@ class Flight:
         self.args, self.device = args, torch.device("cpu" if args.device == "c" else args.device)
         names, each, folder = args.scenarios, len(args.seeds) * args.rows, args.kernels
         self.columns = [slice(i * each, (i + 1) * each) for i in range(len(names))]
-        self.rows, parts = each * len(names), [name if name in POLES else "hummingbird" for name in names]
+        self.rows, parts = each * len(names), [name if name in OWN else "hummingbird" for name in names]
         spans = [
             (vehicle, slice(parts.index(vehicle) * each, (parts.index(vehicle) + parts.count(vehicle)) * each))
             for vehicle in dict.fromkeys(parts)

@@ -98,7 +98,11 @@ def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NO
     model = linearise_actions(simulation)
     states = len(model.transition)
     place = np.r_[0:states, _WIND:_SIZE]
-    A, B, gain = np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, ACTION_SIZE)), np.zeros((2, len(_COASTS), _SIZE, MEASURED_SIZE))
+    A, B, gain = (
+        np.zeros((_SIZE, _SIZE)),
+        np.zeros((_SIZE, ACTION_SIZE)),
+        np.zeros((2, len(_COASTS), _SIZE, MEASURED_SIZE)),
+    )
     A[np.ix_(place, place)] = np.eye(len(place))
     A[np.ix_(place[:states], place[:states])], A[:states, _WIND:], B[:states] = (
         model.transition, model.disturbance, model.input,
