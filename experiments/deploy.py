@@ -25,7 +25,17 @@ from quadpend_train.export.to_c import export_c
 from quadpend_train.policies.loading import load_policy
 
 POLICIES = {
-    "flight_breeze": ("lqg", "lqr", "lqi", "flatness", "dual-mode", "adrc-paper", "ppo-flight-0", "apg-flight-0"),
+    "flight_breeze": (
+        "lqg",
+        "lqr",
+        "lqi",
+        "flatness",
+        "dual-mode",
+        "adrc-paper",
+        "ppo-flight-0",
+        "apg-flight-0",
+        "lab-0",
+    ),
     "windy": ("apg-0", "ppo-alone-0", "adrc-paper"),
 }
 _CHIP = Path(__file__).parent / "chip"

@@ -64,7 +64,6 @@ CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "storm": ("flight_training_storm", {}),
     "storm again": ("flight_training_storm", {}),
     "push": ("flight_training_push", {}),
-    "noisy": ("flight_training_noisy", {"sensors": {**NOISE, "level": [3.0, 4.5]}}),
     "late": (
         "flight_training_late",
         {"loop": {"latency": [0.01, 0.038], "jitter": 0.002, "rate_loop": [0.8, 1.2], "thrust": [0.8, 1.2]}},
@@ -120,6 +119,7 @@ CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "rotor": ("event_training_rotor", {"loop": {"changes": {"at": [2.0, 6.0], "rotors": [0.25, 1.0]}}}),
     "turning": ("event_training_turning", {"task": {"references": {"yaw_amplitude": 5.6}}}),
     "start": ("event_training_start", {"task": {"start": {"pendulum_angle": [0.0, 0.7]}}}),
+    "noisy": ("flight_training_noisy", {"sensors": {**NOISE, "level": [3.0, 4.5]}}),
 }
 POLES = {f"pole {factor}": factor for factor in (0.35, 0.55, 0.8, 1.25, 1.6)}  # told, of these lengths
 OWN = {*POLES, "noisy"}  # scenarios with inputs and a teacher of their own, for their vehicle and their known noise
