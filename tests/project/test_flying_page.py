@@ -62,7 +62,7 @@ def test_a_flight_of_two_seconds_is_that_of_python(
     page: Browser, name: str, exposure: dict[str, Any], events: dict[str, Any]
 ) -> None:
     """Rounding of actions to single precision makes differences of 1e-16 grow, most in the rates of ADRC."""
-    atol = 1e-8 if name == "lab-0" else 1e-9  # that network computes in single precision
+    atol = 6e-8 if name == "lab-0" else 1e-9  # that network computes in single precision: its rounding unit
     found = np.array(page.run(f"flying.fly({POLICIES.index(name)}, {json.dumps(exposure)}, 200)"))
     exact = flown_by_python(name, events)
     np.testing.assert_allclose(found[:10], exact[:10], rtol=0.0, atol=atol)

@@ -181,7 +181,11 @@ def test_rows_equal_single_environments_with_autoreset_and_threads(fields: dict[
     ("loop", "fields", "sentence"),
     [
         ({}, PAPER, "at least one of latency, rate_loop, rotor_lag, thrust, jitter and changes must be given"),
-        ({"thrust": (1.2, 0.8)}, PAPER, "2 finite numbers from 0.05 to 20"),
+        (
+            {"thrust": (1.2, 0.8)},
+            PAPER,
+            r"thrust: the numbers must be in the order \(lowest, highest\), not \(1.2, 0.8\)",
+        ),
         ({"latency": (-0.01, 0.01)}, PAPER, "from 0 to 1 s"),
         ({"delay": (0.0, 0.01)}, PAPER, "no field 'delay'"),
         ({"rate_loop": (0.8, 1.2)}, PAPER, "loop.rate_loop needs the interface 'body_rates'"),
