@@ -98,11 +98,8 @@ def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NO
     model = linearise_actions(simulation)
     states = len(model.transition)
     place = np.r_[0:states, _WIND:_SIZE]
-    A, B, gain = (
-        np.zeros((_SIZE, _SIZE)),
-        np.zeros((_SIZE, ACTION_SIZE)),
-        np.zeros((2, len(_COASTS), _SIZE, MEASURED_SIZE)),
-    )
+    A, B = np.zeros((_SIZE, _SIZE)), np.zeros((_SIZE, ACTION_SIZE))
+    gain = np.zeros((2, len(_COASTS), _SIZE, MEASURED_SIZE))
     A[np.ix_(place, place)] = np.eye(len(place))
     A[np.ix_(place[:states], place[:states])], A[:states, _WIND:], B[:states] = (
         model.transition, model.disturbance, model.input,
@@ -232,12 +229,15 @@ def observe(
         pull = out[row, _BOB] * out[row, _BOB] + out[row, _BOB + 1] * out[row, _BOB + 1]
         share = min(pull / (gust_force * gust_force), 1.0)
         for i in range(_SIZE):
-            found = out[row, i]
-            for k in range(len(_COASTS)):
-                shorter, longer = _COASTS[k - 1] if k > 0 else -1, _COASTS[k]
-                after = min(max((coast - shorter) / (longer - shorter), 0.0), 1.0)
-                found += after * (_product(gain[k], i, out, row, _SIZE) + share * _product(gust[k], i, out, row, _SIZE))
-            now[row, i] = min(max(select(begun > 0.5, found, 0.0), -bounds[i]), bounds[i])
+            now[row, i] = out[row, i]
+        for k in range(len(_COASTS)):
+            shorter, longer = _COASTS[k - 1] if k > 0 else -1, _COASTS[k]
+            after = min(max((coast - shorter) / (longer - shorter), 0.0), 1.0)
+            for i in range(_SIZE):
+                correction = _product(gain[k], i, out, row, _SIZE) + share * _product(gust[k], i, out, row, _SIZE)
+                now[row, i] += after * correction
+        for i in range(_SIZE):
+            now[row, i] = min(max(select(begun > 0.5, now[row, i], 0.0), -bounds[i]), bounds[i])
         for k in range(MEASURED_SIZE):
             now[row, _MEASURED[k]] = select(begun > 0.5, now[row, _MEASURED[k]], y[row, k])
             out[row, _SIZE + k] /= _INNOVATION
