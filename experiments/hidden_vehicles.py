@@ -62,17 +62,13 @@ class Loop:
     latency: float
     curve: Thrust
 
-    def full_thrust(self, voltage: Any) -> Any:
-        """Return the thrust of a rotor at full throttle and a voltage (V), N."""
-        return self.curve.coefficient * (voltage / NOMINAL) ** self.curve.exponent
-
     def thrust(self, throttle: Any, voltage: Any) -> Any:
-        """Return the thrust of a rotor, N."""
-        return self.full_thrust(voltage) * ((1.0 - self.curve.linear) * throttle**2 + self.curve.linear * throttle)
+        """Return the thrust of a rotor at a throttle and a voltage (V), N."""
+        return self.curve.coefficient * self.curve.relative(throttle, voltage / NOMINAL)
 
     def throttle(self, thrust: Any, voltage: Any) -> Any:
         """Return the throttle for the thrust of a rotor, N."""
-        share, linear = np.maximum(thrust, 0.0) / self.full_thrust(voltage), self.curve.linear
+        share, linear = np.maximum(thrust, 0.0) / self.thrust(1.0, voltage), self.curve.linear
         return 2.0 * share / (linear + np.sqrt(linear**2 + 4.0 * (1.0 - linear) * share) + 1e-12)
 
     def scenario(self, name: str) -> Scenario:

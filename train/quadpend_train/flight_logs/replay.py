@@ -47,10 +47,14 @@ class Thrust:
     exponent: float = 0.0
     trim: float = 0.0
 
+    def relative(self, numbers: Any, voltage: Any) -> Any:
+        """Return the thrust without trim, divided by the coefficient, at motor numbers and voltages."""
+        return ((1.0 - self.linear) * numbers**2 + self.linear * numbers) * voltage**self.exponent
+
     def shape(self, log: FlightLog, spins: Sequence[int]) -> Floats:
         """Return the thrusts of a log divided by the coefficient, shape (n, 4)."""
-        numbers = (1.0 - self.linear) * log.motors**2 + self.linear * log.motors
-        return np.asarray(numbers * log.voltage[:, np.newaxis] ** self.exponent * (1.0 + self.trim * np.array(spins)))
+        found = self.relative(log.motors, log.voltage[:, np.newaxis])
+        return np.asarray(found * (1.0 + self.trim * np.array(spins)))
 
 
 @dataclass(frozen=True)
