@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from experiments.measures import settling_times
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.swing_up import tracked_plan
 from quadpend_baselines.gains import tuning
@@ -14,6 +13,7 @@ from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.scenarios import SCENARIOS
 from quadpend_train.evaluation.episodes import run_episodes
+from tests.helpers.settling import settling_times
 
 
 def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> None:
@@ -37,3 +37,10 @@ def test_hanging_pendulums_are_upright_within_five_seconds(name: str, share: flo
     scenario = SCENARIOS[name].with_vehicle(*vehicle)
     results = run_episodes([controller("swing-up")], scenario, 100, 1_000_000)
     assert np.mean(settling_times(results.survived, results.error, 0.01) <= 5.0) >= share
+
+
+def test_a_settling_time_ends_the_last_step_with_a_large_error() -> None:
+    inside, outside = [0.01] * 3, [0.1] * 3
+    error = [outside + inside, inside + outside, [0.01, 0.2] + [0.01] * 4, inside * 2, [0.01] + [np.nan] * 5]
+    found = settling_times(np.array([[True, True, True, True, False]]), np.array([error]), 0.5)
+    np.testing.assert_allclose(found, [[1.5, np.nan, 1.0, 0.0, np.nan]])

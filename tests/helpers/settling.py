@@ -1,4 +1,4 @@
-"""Measures of the experiments: settling times."""
+"""Settling times of episodes."""
 
 from typing import Any
 
