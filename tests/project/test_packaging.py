@@ -40,6 +40,13 @@ def test_a_wheel_has_the_files_of_the_three_packages_and_no_others(wheel: Path) 
     assert {metadata + "licenses/LICENSE", metadata + "entry_points.txt"} < packed
 
 
+def test_the_description_of_a_wheel_needs_no_file(wheel: Path) -> None:
+    metadata = ZipFile(wheel).read(f"quadpend_gym-{__version__}.dist-info/METADATA").decode()
+    assert "Description-Content-Type: text/markdown" in metadata
+    assert "# quadpend_gym" in metadata
+    assert [link for link in re.findall(r"\]\(([^)]*)\)", metadata) if not link.startswith("https://")] == []
+
+
 def test_the_same_version_stands_in_every_file() -> None:
     assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     headings = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
