@@ -75,6 +75,23 @@ def test_the_page_fetches_nothing_and_reports_no_error(page: Browser) -> None:
     assert page.messages() == []
 
 
+def test_the_script_of_a_frame_takes_at_most_4_ms_of_processor_time(page: Browser) -> None:
+    """The median of twelve quarters of a second, since the browser also compiles and collects garbage."""
+    page.call("Performance.enable", timeDomain="threadTicks")
+
+    def now() -> tuple[float, int]:
+        metrics = {one["name"]: one["value"] for one in page.call("Performance.getMetrics")["metrics"]}
+        return 1e3 * metrics["ScriptDuration"], page.run("flying.frames")
+
+    times, (before, frames) = [], now()
+    for _ in range(12):
+        page.wait(f"flying.frames >= {frames + 15}")
+        after, count = now()
+        times.append((after - before) / (count - frames))
+        before, frames = after, count
+    assert np.median(times) <= 4.0, times
+
+
 def drag(page: Browser, pointer: str, kind: str, x: float, y: float) -> None:
     if pointer == "mouse":
         page.call("Input.dispatchMouseEvent", type=f"mouse{kind}", x=x, y=y, button="left", buttons=1, clickCount=1)
