@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from quadpend_gym import __version__, actuators, sensors, wind
 from quadpend_gym.scenarios import SCENARIOS, SETS, as_scenario, find_scenario
 from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES
+from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.cli.main import COMMANDS, FUNCTIONS, main
 from quadpend_train.cli.training import default_settings
 from quadpend_train.policies.loading import shipped_policies
@@ -151,6 +153,15 @@ def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
     expected |= {"sensors": set(sensors.KINDS), "actuators": set(actuators.KINDS)}
     assert {name: listed[name] for name in expected} == expected
     assert listed["winds"] == {*wind.PRESETS, *wind.KINDS} - {"sum"}
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_a_printed_vehicle_is_the_file_of_that_vehicle(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["list", "--vehicle", name])
+    (tmp_path / "mine.toml").write_text(capsys.readouterr().out, encoding="utf-8")
+    assert as_vehicle(tmp_path / "mine.toml") == replace(VEHICLES[name], name="mine")
 
 
 def test_a_run_is_trained_resumed_and_compared_by_the_commands_that_are_printed(
