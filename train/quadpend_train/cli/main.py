@@ -21,6 +21,7 @@ _EXTRAS = {
     "pyulog": "logs",
 }  # of packages that are not in the extra train
 _LONGEST = 4000  # characters of a sentence
+_CONTINUING = {"evaluate", "preflight", "tune"}  # commands that begin with what an interrupted one has finished
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _received: list[int] = []  # signals that ended this command
 
@@ -86,9 +87,9 @@ def main(arguments: list[str] | None = None) -> None:
         _run(command)
         sys.stdout.flush()
     except KeyboardInterrupt as interruption:
-        kept = str(interruption) or "what is finished is saved, and the same command continues"
+        kept = "what is finished is saved, and the same command continues" if {*command[:1]} & _CONTINUING else ""
         with suppress(OSError):  # the terminal is closed
-            print(f"\nInterrupted: {kept}", file=sys.stderr)
+            print("\nInterrupted", *filter(None, [str(interruption) or kept]), sep=": ", file=sys.stderr)
         sys.exit(128 + (_received or [signal.SIGINT])[0])
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit
