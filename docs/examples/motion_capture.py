@@ -7,6 +7,7 @@ forward and y left, and the pole, whose z axis points from foot to top. The worl
 """
 
 import asyncio
+import atexit
 import socket
 import struct
 import sys
@@ -20,6 +21,7 @@ from scipy.spatial.transform import Rotation
 TO = ("127.0.0.1", 9101)  # the computer of `quadpend fly`
 BODIES = ("vehicle", "pole")  # names, or OptiTrack's streaming ids 1 and 2
 _socket, _counter = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), count()
+atexit.register(_socket.close)
 
 
 def send(exposure: float, position: Sequence[float], vehicle: Rotation, pole: Rotation) -> None:
