@@ -10,7 +10,7 @@ from quadpend_gym.scenarios import SCENARIOS
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation import preflight
 from quadpend_train.evaluation.envelope import DELAY, Limit, events
-from quadpend_train.evaluation.preflight import CAUGHT, MEASURED, DataSheet
+from quadpend_train.evaluation.preflight import CAUGHT, DRAGGED, MEASURED, DataSheet
 
 
 def test_what_is_not_enough_is_named_and_the_rest_is_flown_in_the_order_of_its_reserve() -> None:
@@ -40,8 +40,9 @@ def test_what_is_not_enough_is_named_and_the_rest_is_flown_in_the_order_of_its_r
     weak = replace(sheet, rows=[("largest thrust", "1.20 weights", "1.3", 0.92, np.nan)]).sentences()
     assert weak[1] == "Warning: not enough largest thrust"
     assert weak[-1].startswith("Fly first: nothing")
-    below = replace(sheet, limits={**limits, CAUGHT: Limit(0.9, 0.8, 1.0)})
-    assert below.sentences()[-1].startswith("Fly first: nothing")
+    below = replace(sheet, limits={**limits, CAUGHT: Limit(0.9, 0.8, 1.0)}).sentences()
+    assert below[-2] == DRAGGED
+    assert below[-1].startswith("Fly first: nothing")
 
 
 def test_the_command_prints_a_sheet_of_at_most_30_lines(

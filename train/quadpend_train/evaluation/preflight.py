@@ -25,6 +25,10 @@ from quadpend_train.evaluation.metrics import summarise, values_of
 FIRST = 0.5  # share of a limit up to which the first flights go
 MEASURED = {DELAY: "latency", "pole not as believed": "pole", "loss of thrust": "thrust"}  # by what believes it
 CAUGHT = "held pole let go"
+DRAGGED = (
+    "While a hand holds the pole, here for 3 s, a policy drags the vehicle along: try flatness or dual-mode, which do"
+    " least, and hold it for less than a second"
+)
 HEADINGS = ("", "found", "needed", "found / needed", "room (m)")
 NOTE = (
     "Brackets, no confidence intervals: largest tried strength without a fall, smallest one beyond"
@@ -62,6 +66,7 @@ class DataSheet:
         if weak:
             out.append(f"Warning: not shown to survive everyday strength: {', '.join(weak)}")
         failed = [name for name in weak if self.limits[name].value < self.events[name].everyday]
+        out += [DRAGGED] * (CAUGHT in failed)
         if short or any(not self.events[name].commanded for name in failed):  # what no pilot can leave out
             return [*out, "Fly first: nothing; mend what is not enough, or take another policy"]
         reserves = [f"{name} ({ratio:.2g} times)" for ratio, name in sorted((x, name) for name, x in ratios.items())]
