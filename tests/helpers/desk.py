@@ -33,7 +33,7 @@ class Flown:
 
     def ordered(self, key: str) -> float:
         """The time of the desk when it took a key last, s."""
-        return float(re.findall(rf"([\d.]+) s  {key}\n", self.desk)[-1])
+        return float(re.findall(rf"([\d.]+) s  {key}  ", self.desk)[-1])
 
 
 def later(keys: tuple[tuple[float, str, str], ...], seconds: float) -> tuple[tuple[float, str, str], ...]:

@@ -198,11 +198,11 @@ def test_a_hand_holds_body_and_pole_and_lets_them_go(breeze: Scenario) -> None:
     first, later = seen(desk, 1), seen(desk, 500)
     assert first != later  # noise
     assert np.linalg.norm(np.subtract(first.position, later.position)) < 0.01
-    desk.press("b")  # the pole's top is still held
+    assert desk.press("b") == "the hand lets the body go"  # the pole's top is still held
     assert seen(desk, 100).direction[2] > 0.99
     desk.press("p")
     assert any(desk.step(np.zeros(4)) for _ in range(3000))  # an inverted pendulum falls
-    desk.press("b")
+    assert desk.press("b") == "the hand takes body and pole"
     assert seen(desk, 500).position == pytest.approx(seen(desk, 500).position, abs=0.01)
 
 
@@ -284,7 +284,7 @@ class Faulty:
     [
         ("silent", r"the autopilot has not answered for (9\d|100) ms"),  # less what a step was late
         ("disarmed", "the autopilot is not armed"),
-        ("lost", "the link is lost: gone"),
+        ("lost", r"the link is lost \(gone\): is the autopilot, or the simulation, still running\?"),
     ],
 )
 def test_faults_of_a_link_kill(
@@ -438,9 +438,11 @@ def test_samples_are_those_of_one_sender_until_it_is_silent_where_nothing_flies(
     with listen(str(port), socket.SOCK_DGRAM) as source, socket.socket(*kind) as one, socket.socket(*kind) as other:
         receiver = Samples()
 
-        def counters(sender: socket.socket, counter: int, may_restart: bool) -> tuple[list[int], int]:
+        def counters(
+            sender: socket.socket, counter: int, may_restart: bool, seconds: float = 0.02
+        ) -> tuple[list[int], int]:
             sender.sendto(pack(sample._replace(counter=counter)), source.getsockname())
-            found, _ = flight._until(time.monotonic() + 0.02, source, receiver, may_restart)
+            found, _ = flight._until(time.monotonic() + seconds, source, receiver, may_restart)
             return [] if found is None else [found.counter], receiver.restarts
 
         assert counters(one, 7, True) == ([7], 0)
@@ -453,16 +455,21 @@ def test_samples_are_those_of_one_sender_until_it_is_silent_where_nothing_flies(
         for _ in range(200):  # a flood does not hide a sample
             one.sendto(b"flood", source.getsockname())
         begin = time.monotonic()
-        assert counters(other, 1, False) == ([1], 1)
-        assert time.monotonic() - begin >= 0.02
+        assert counters(other, 1, False, 0.3) == ([1], 1)  # enough for a process that a busy machine stops
+        assert time.monotonic() - begin >= 0.3
         assert receiver.foreign == 203
 
 
 def test_wrong_input_is_one_sentence(lqg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    late_by_nothing = tmp_path / "policy.c"
-    for name in ("policy.c", "policy.h"):
-        text = (lqg.parent / name).read_text(encoding="utf-8").replace("_LATENCY 0.02", "_LATENCY 0.0")
-        (tmp_path / name).write_text(text, encoding="utf-8")
+    late_by_nothing, of_own = tmp_path / "late/policy.c", tmp_path / "own/policy.c"
+    for path, old, new in (
+        (late_by_nothing, "_LATENCY 0.02", "_LATENCY 0.0"),
+        (of_own, 'VEHICLE "hummingbird"', 'VEHICLE "mine"'),
+    ):
+        path.parent.mkdir()
+        path.write_text("#error compiled before its header is read", encoding="utf-8")
+        text = lqg.with_suffix(".h").read_text(encoding="utf-8").replace(old, new)
+        path.with_suffix(".h").write_text(text, encoding="utf-8")
     for arguments, message in {
         ("fly", "none.c", "--to", "msp:1"): "there must be a C file none.c",
         ("fly", str(lqg), "--to", "1"): "a link must be msp:HOST:PORT",
@@ -480,6 +487,7 @@ def test_wrong_input_is_one_sentence(lqg: Path, tmp_path: Path, capsys: pytest.C
         ): "--height must be the lowest and the highest height, not 5 1",
         ("fly", str(lqg), "--to", "msp:1", "--height", "nan", "1"): "height must be 2 finite numbers from -10000 to",
         ("fly", str(late_by_nothing), "--to", "msp:1"): "was written for no latency, which no flight has: export it",
+        ("fly", str(of_own), "--to", "msp:1"): "for the vehicle mine, which is no preset: give its file, such as --v",
         ("simulate", "--blackbox", "flight.bbl"): "--blackbox needs --autopilot betaflight and a new file, not direct",
         ("simulate", "--rate", "150"): "the rate must be 1000 divided by a whole number",
         ("simulate", "--listen", "here"): "an address must be HOST:PORT or PORT",

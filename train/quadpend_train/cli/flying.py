@@ -42,14 +42,14 @@ def fly(
         vehicle: Preset or TOML file with the rates and the thrusts of the autopilot; default: that of the policy.
         log: New CSV file for motion capture, motors, commands and status. NAME.toml beside it is for identify.
         thrust: TOML file of throttles, voltages and the measured thrusts of a rotor; default: linear in the throttle.
-        voltage: Of the battery, for the file of thrusts.
-        age: Time without a usable sample that kills.
-        pole_tilt: Tilt of the pole that kills, from upright.
-        body_tilt: Tilt of the body that kills, from level.
+        voltage: Of the battery, for the file of thrusts, V.
+        age: Time without a usable sample that kills, s.
+        pole_tilt: Tilt of the pole that kills, from upright, rad.
+        body_tilt: Tilt of the body that kills, from level, rad.
         distance: Of the tracked point from its reference that kills, m.
         height: Lowest and highest height of the vehicle's centre, m; beyond it is killed.
         speed: Of the vehicle's centre that kills, m/s.
-        step: Distance by which a key moves the set point.
+        step: Distance by which a key moves the set point, m.
         fence: Horizontal distance from where the flight began that kills, m.
     """
     import socket
@@ -64,27 +64,34 @@ def fly(
     from quadpend_train.links.supervised import Supervised
     from quadpend_train.links.terminal import keys_at_once, prefer
     from quadpend_train.links.thrust import ThrustTable
+    from quadpend_train.policies.compiled import SupervisedPolicy
 
     if (thrust is None) != (voltage == 0.0):
         raise ValueError("--thrust needs --voltage, and --voltage needs --thrust")
     if height[0] >= height[1]:
         raise ValueError(f"--height must be the lowest and the highest height, not {height[0]:g} {height[1]:g}")
-    flown = Supervised(policy)
-    if flown.designed["INTERFACE"] != "body_rates":
-        raise ValueError(f"{policy} commands {flown.designed['INTERFACE']}; an autopilot takes body_rates")
-    simulation = Simulation(vehicle=as_vehicle(vehicle or flown.designed["VEHICLE"]), interface="body_rates")
-    if simulation.vehicle.name != flown.designed["VEHICLE"]:
-        written = f"{policy} was written for the vehicle {flown.designed['VEHICLE']}, not {simulation.vehicle.name}"
-        raise ValueError(f"{written}: export it with --vehicle")
-    period, latency = float(flown.designed["PERIOD"]), float(flown.designed["LATENCY"])
+    designed = SupervisedPolicy(policy).designed  # from its header: compiling takes seconds
+    if designed["INTERFACE"] != "body_rates":
+        raise ValueError(f"{policy} commands {designed['INTERFACE']}; an autopilot takes body_rates")
+    name, written = designed["VEHICLE"], f"{policy} was written for the vehicle {designed['VEHICLE']}"
+    try:
+        simulation = Simulation(vehicle=as_vehicle(vehicle or name), interface="body_rates")
+    except ValueError as error:
+        if vehicle:
+            raise
+        raise ValueError(f"{written}, which is no preset: give its file, such as --vehicle {name}.toml") from error
+    if simulation.vehicle.name != name:
+        raise ValueError(f"{written}, not {simulation.vehicle.name}: export it with --vehicle")
+    period, latency = float(designed["PERIOD"]), float(designed["LATENCY"])
     if latency == 0.0:
         raise ValueError(f"{policy} was written for no latency, which no flight has: export it with yours by --latency")
     columns = log.with_suffix(".toml")
     if columns.exists():
         raise FileExistsError(f"{columns} exists already: choose another name with --log")
+    flown = Supervised(policy)
     limits = {"age": age, "pole_tilt": pole_tilt, "body_tilt": body_tilt, "distance": distance, "speed": speed}
-    for name, value in {**limits, "lowest": height[0], "highest": height[1]}.items():
-        setattr(flown.fields, name, value)
+    for field, value in {**limits, "lowest": height[0], "highest": height[1]}.items():
+        setattr(flown.fields, field, value)
     curve = linear(simulation) if thrust is None else parse(ThrustTable, read_toml(thrust), "thrust").at(voltage)
     with listen(source, socket.SOCK_DGRAM) as samples:
         link = open_link(to, simulation, curve)
@@ -126,12 +133,12 @@ def simulate(
 
     Args:
         to: Address to which samples go.
-        listen: Address to which `quadpend fly --to msp:…` connects.
+        listen: Address to which `quadpend fly --to msp:127.0.0.1:9100` connects, without firmware.
         scenario: Vehicle, wind and sensors, which must have noise.
         vehicle: Vehicle in place of that of the scenario, as in evaluate.
         seed: Of wind and noise.
         rate: Samples in a second.
-        delay: Of the samples; the whole latency is about 3 ms longer.
+        delay: Of the samples, s; the whole latency is about 3 ms longer.
         autopilot: What takes the channels: a receiver without firmware, or Betaflight's firmware, at its port 5761.
         blackbox: New file for the log of Betaflight's firmware, such as flight.bbl.
     """

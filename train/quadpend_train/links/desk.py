@@ -29,6 +29,13 @@ _HAND = 20.0, 0.5  # stiffness and damping at the pole's top, N/m and N·s/m
 _PUSH, _PUSHED = 0.5, 0.3  # N along x, and for how long, s
 _OUTLIER = 1.0  # m
 
+_SAID = {  # of a key that is switched off, and on
+    "b": ("the hand lets the body go", "the hand takes body and pole"),
+    "p": ("the hand lets the pole go", "the hand takes the pole"),
+    "d": ("samples come", "no samples"),
+    "z": ("samples are new", "samples are frozen"),
+    "l": ("the link answers", "the link is silent"),
+}
 HELP = (
     "b the hand lets go or takes the body   p the pole   w push   samples: d none, z frozen, o one outlier"
     "   l the link is silent   q end"
@@ -83,8 +90,8 @@ class Desk:
         self.press("b")
         self.press("p")
 
-    def press(self, key: str) -> None:
-        """Take a key of `HELP`."""
+    def press(self, key: str) -> str:
+        """Take a key of `HELP`; return what it did."""
         world, state = self._env.world, self._env.state
         if key in self.switches:
             self.switches[key] = not self.switches[key]
@@ -101,6 +108,7 @@ class Desk:
             top = self.simulation.vehicle.pole.full_length
             self._hand.place = state.position[:2] + top * state.direction[:2]
             self._hand.has_pole = self.switches[key]
+        return _SAID[key][self.switches[key]] if key in _SAID else ""
 
     def step(self, action: Floats) -> str:
         """Advance by `PERIOD` under an action, shape (4,), which is clipped; return how it fell, or nothing."""
@@ -177,8 +185,7 @@ def run(desk: Desk, autopilot: Autopilot, to: tuple[str, int], every: int, delay
             for key in pressed():
                 if key in (END, "q"):
                     return f"ended after {deadline - begin:.1f} s, behind real time by at most {1e3 * latest:.1f} ms"
-                desk.press(key)
-                show(f"{deadline - begin:8.3f} s  {key}", True)
+                show(f"{deadline - begin:8.3f} s  {key}  {desk.press(key)}", True)
             if step % every == 0 and (sample := desk.sample(deadline)):
                 waiting.append((deadline + delay, pack(sample)))
             time.sleep(max(deadline - time.monotonic(), 0.0))

@@ -278,7 +278,7 @@ def _fly(
                 time.sleep(_REPEATED)
                 link.send(policy.command, False)
         except OSError as error:
-            operator.kill(f"the link is lost: {error}")
+            operator.kill(f"the link is lost ({error}): is the autopilot, or the simulation, still running?")
         if operator.request == KILL:
             ending = min(ending, now + _AFTER_KILL)
         if operator.cause and not said:
