@@ -51,7 +51,7 @@ LATENCIES, TIME_CONSTANTS = (0.01, 0.03), (0.013, 0.03)  # s, of the hidden loop
 FULL, DRAINED, EMPTY, SAG = 4.1, 3.8, 3.5, 0.15  # V of a cell: before and after the log, least, and less in hover
 _PERIOD, _SUBSTEPS = 0.01, 4  # s, of control
 _STEP = _PERIOD / _SUBSTEPS
-_STEPS = (1.7, 2.3)  # Hz: of steps of ±1 rad/s of the commanded rates about x and y, which show the rate loop
+_STEPS, _STEP_SIZE = (1.7, 2.3), 0.4  # Hz, rad/s: of steps of the commanded rates about x and y, for the rate loop
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def flown_log(true: Loop, believed: Loop, seed: int) -> pd.DataFrame:
         rotation = Rotation.from_quat(memory[0, QUATERNION:BODY_RATE], scalar_first=True) * turn
         missed += _PERIOD * (p - position)
         lift = vehicle.mass * (a + weight + 2.5 * (p - position) + 2.5 * (v - view.velocity[0]) + missed)
-        steps = [*np.sign(np.sin(2.0 * np.pi * np.array(_STEPS) * time)), 0.0]
+        steps = [*(_STEP_SIZE * np.sign(np.sin(2.0 * np.pi * np.array(_STEPS) * time))), 0.0]
         rates = 7.0 * turn_error(rotation.as_matrix(), lift, yaw) * [1.0, 1.0, 3.0] + steps
         voltage = FULL + (DRAINED - FULL) * time / DURATION - SAG * memory[0, ROTOR_THRUST:].sum() / vehicle.weight
         throttle = believed.throttle(0.25 * float(lift @ rotation.as_matrix()[:, 2]), voltage)
@@ -132,12 +132,13 @@ def flown_log(true: Loop, believed: Loop, seed: int) -> pd.DataFrame:
         pending += [np.clip(command, -1.0, 1.0)] * _SUBSTEPS
         gyro = memory[0, BODY_RATE:ROTOR_THRUST] + noise.rate * random.standard_normal(3)
         row = [time, time, *position, *rotation.as_quat(scalar_first=True), *view.velocity[0], *gyro, *rates[:2]]
-        for substep in range(_SUBSTEPS):
+        squares = np.zeros(4)
+        for _ in range(_SUBSTEPS):
             before = memory[0, ROTOR_THRUST:].copy()
             plant.advance(state, memory, pending.pop(0)[np.newaxis], disturbance, parameters)
-            if substep == 0:
-                wanted = (memory[0, ROTOR_THRUST:] - decay * before) / (1.0 - decay)
-                motors = true.throttle(wanted, voltage) * (1.0 + noise.motors * random.standard_normal(4))
+            wanted = (memory[0, ROTOR_THRUST:] - decay * before) / (1.0 - decay)
+            squares += true.throttle(wanted, voltage) ** 2 / _SUBSTEPS
+        motors = np.sqrt(squares) * (1.0 + noise.motors * random.standard_normal(4))
         rows.append([*row, *motors, voltage])
     return pd.DataFrame(rows, columns=NAMES.split()).assign(stage="FLY")
 

@@ -191,6 +191,13 @@ def test_every_body_that_a_fit_tries_exists() -> None:
         assert 0.0 < largest < least + middle
 
 
+def test_motors_that_change_faster_than_the_log_are_said(log: FlightLog, found: Found) -> None:
+    assert "means over a row" not in " ".join(found.sentences())
+    random = np.random.default_rng(0)
+    rough = replace(log, name="rough", motors=log.motors * random.normal(1.0, 0.05, log.motors.shape))
+    assert "the motors of rough change much between its rows" in replace(found, fitted=[rough]).sentences()[-1]
+
+
 def test_what_is_far_from_the_start_is_doubted(found: Found) -> None:
     start = random_vehicle(SEED)[1]
     assert not doubts_of(found, start)

@@ -7,10 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments import hidden_vehicles
+from experiments.hidden_vehicles import CURVE, LATENCY, START, Loop, flown_log, hidden_loop
 from quadpend_gym.scenarios import find_scenarios
-from quadpend_gym.vehicles import RateLoop
+from quadpend_gym.vehicles import RateLoop, rotors_of
 from quadpend_train.cli.main import main
-from quadpend_train.flight_logs.loop import Loop, loop_of
+from quadpend_train.flight_logs import loop
+from quadpend_train.flight_logs.loop import loop_of
 from quadpend_train.links.flight import COLUMNS
 from quadpend_train.policies.compiled import samples_of
 from quadpend_train.policies.loading import load_policy
@@ -46,6 +49,24 @@ def test_a_log_of_eight_seconds_shows_the_loop(latency: float, time_constant: fl
     assert max(found.deviations) < 0.001
 
 
+@pytest.mark.parametrize("steps", [True, False])
+@pytest.mark.parametrize("time_constant", [0.02, 0.05])
+def test_without_quick_commands_only_the_sum_is_known(
+    steps: bool, time_constant: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not steps:
+        monkeypatch.setattr(hidden_vehicles, "_STEPS", (0.0, 0.0))
+    vehicle = hidden_loop(4).vehicle
+    vehicle = replace(vehicle, rate_loop=replace(vehicle.rate_loop, time_constant=time_constant))
+    true = replace(hidden_loop(4), latency=0.02, vehicle=vehicle)
+    found = loop_of(flown_log(true, Loop(START, LATENCY, CURVE), 4), rotors_of(true.vehicle).lag_up)
+    assert found.is_split == steps
+    assert ("only the sum" in found.sentence()) != steps
+    assert sum(found[:2]) == pytest.approx(0.02 + time_constant, abs=0.0015)
+    if steps:
+        assert found[:2] == pytest.approx((0.02, time_constant), abs=0.0015)
+
+
 def test_identify_prints_the_loop_and_refuses_logs_without_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -62,5 +83,5 @@ def test_identify_prints_the_loop_and_refuses_logs_without_it(
     assert "the log must have at least 200 samples in flight in seconds 0 to 1.5, not 1" in capsys.readouterr().err
     with pytest.raises(ValueError, match="from a log of `quadpend fly`, which has a column 'exposure'"):
         loop_of(table.drop(columns="exposure"), LAG)
-    sentence = Loop(0.02, 0.03, (0.001, 0.002)).sentence()
-    assert sentence.startswith("latency 20.0 ms (17.9 to 22.1), rate_loop.time_constant 30.0 ms (25.9 to 34.1)")
+    sentence = loop.Loop(0.02, 0.03, (0.001, 0.0015)).sentence()
+    assert sentence.startswith("latency 20.0 ms (17.9 to 22.1), rate_loop.time_constant 30.0 ms (26.9 to 33.1)")

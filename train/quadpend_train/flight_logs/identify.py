@@ -64,6 +64,7 @@ _EARLY = 0.3  # of the root mean square over a window: least scale of errors, si
 _THINNEST = 0.02  # of the sum: least second moment of mass along an axis
 _IGNORED = 1e9  # scale of errors that do not count
 _GENTLE = 0.4  # share of the angular accelerations that motors explain, below which neither order nor inertia shows
+_STEADY = 0.65  # least `steadiness` of single readings; NanoBench's quick flights have 0.87 to 0.97
 _FAR, _FARTHER = 3.0, 6.0  # times a quantity of the start vehicle: doubtful; of drags and lags, which are less known
 _LESS_KNOWN = ("lag", "drag", "pole_drag")
 _SLOW = 0.1  # s: half width of the means of body rates that are compared with those of the attitude
@@ -154,14 +155,19 @@ class Found:
         return "\n".join(lines)
 
     def sentences(self) -> list[str]:
-        """Return what the logs do not show, with the manoeuvre that would."""
-        hidden, missing = (
-            [name for name, found in self.estimates.items() if not found.identified],
-            unseen(self.fitted[0]),
-        )
-        ways = {name: missing.get(name, f"fly {QUANTITIES[name].manoeuvre}") for name in hidden}
+        """Return what the logs do not show, with the manoeuvre that would, and which logs have too few samples."""
+        hidden, missing = [name for name, each in self.estimates.items() if not each.identified], unseen(self.fitted[0])
         order = ["the order of the motors could not be checked: the flight is gentle"] if self.gentle else []
-        return order + [f"{name} is not identified; {way}" for name, way in ways.items()]
+        return [
+            *order,
+            *(f"{name} is not identified; {missing.get(name, f'fly {QUANTITIES[name].manoeuvre}')}" for name in hidden),
+            *(
+                f"the motors of {log.name} change much between its rows: inertia and lag are wrong unless the numbers"
+                " are means over a row, as --blackbox makes them"
+                for log in self.fitted
+                if not self.gentle and steadiness(log, self.vehicle) < _STEADY
+            ),
+        ]
 
 
 def unseen(log: FlightLog) -> dict[str, str]:
@@ -567,6 +573,14 @@ def regression(log: FlightLog, vehicle: Vehicle) -> tuple[float, Any]:
         slopes = np.linalg.lstsq(before, after, rcond=None)[0]
         found.append((1.0 - ((after - before @ slopes) ** 2).sum() / max((after**2).sum(), 1e-9), slopes.T))
     return max(found, key=lambda each: each[0])
+
+
+def steadiness(log: FlightLog, vehicle: Vehicle) -> float:
+    """Return the correlation of the motors' torque about x or y with that of the next sample, the smaller one."""
+    torques = log.motors**2 @ np.array(rotors_of(vehicle).positions)[:, :2]
+    kept = log.valid[1:] & log.valid[:-1]
+    pairs = zip(torques[:-1][kept].T, torques[1:][kept].T, strict=True)
+    return min(float(np.corrcoef(*pair)[0, 1]) if all(map(np.ptp, pair)) else 1.0 for pair in pairs)
 
 
 def falling(log: FlightLog, vehicle: Vehicle) -> float:

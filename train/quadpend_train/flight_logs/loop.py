@@ -3,7 +3,10 @@
 A row has a sample with the time of its exposure, and the command that answered it. The command acts a latency after the
 exposure. Then the body rate follows by equation (1) of `quadpend_gym.physics.rotors`, with the rotors' lag of the
 vehicle. The fit compares by how much the body turned about x and y between two samples. Yaw is left out: most rate
-loops are slower there. What turns the body slowly, such as wind, is subtracted as a mean.
+loops are slower there. What turns the body slowly, such as wind and drag, is subtracted as a parabola.
+
+Slow changes of the commands show the sum of latency and time constant only: both make the motion later. Their split
+follows from quick changes. A second fit, to quicker ones alone, tests it: its difference counts as a deviation.
 """
 
 from typing import Any, NamedTuple
@@ -23,9 +26,11 @@ _STEP = 0.001  # s
 _SETTLED = 0.4  # s, after which the begin is forgotten
 _LEAST = 200  # samples
 _SMOOTHING = 0.04  # s: half width of the parabola that takes noise from the differences
+_SLOW = (0.25, 0.15)  # s: of the parabola that is slow motion, in the fit and in its test
 _BLOCKS = 30
 _QUATERNION, _RATES = ["qw", "qx", "qy", "qz"], ["rate_x", "rate_y"]
 _SLOWEST = 0.3  # s
+_KNOWN = 0.04  # of the sum: standard deviation beyond which latency and time constant are not told apart
 
 
 class Loop(NamedTuple):
@@ -33,10 +38,20 @@ class Loop(NamedTuple):
 
     latency: float  # from the exposure to the moment when the command acts, s
     time_constant: float  # of the rate loop, s
-    deviations: tuple[float, float]
+    deviations: tuple[float, float]  # infinite where the time constant is at a bound of the fit
+
+    @property
+    def is_split(self) -> bool:
+        """Whether the log tells latency and time constant apart."""
+        return max(self.deviations) < _KNOWN * (self.latency + self.time_constant)
 
     def sentence(self) -> str:
-        """Return both with their 95 % intervals."""
+        """Return both with their 95 % intervals, or that only their sum is known."""
+        if not self.is_split:
+            return (
+                f"only the sum of latency and rate_loop.time_constant is known, {1e3 * sum(self[:2]):.0f} ms: to tell"
+                " them apart, fly quick steps of the commanded rates, so small that no rotor reaches its limit"
+            )
         latency, constant = (
             f"{1e3 * value:.1f} ms ({1e3 * (value - 2.05 * deviation):.1f} to {1e3 * (value + 2.05 * deviation):.1f})"
             for value, deviation in zip(self[:2], self.deviations, strict=True)
@@ -69,28 +84,37 @@ def loop_of(table: pd.DataFrame, lag: float, seconds: tuple[float, float] = Colu
     commands = table[_RATES].to_numpy()[np.searchsorted(exposed, grid, side="right") - 1]
     rotation, times = Rotation.from_quat(table[_QUATERNION][seen], scalar_first=True), exposed[seen]
     turned = (rotation[:-1].inv() * rotation[1:]).as_rotvec()[:, :2]
-    counts, half = times[:-1] > grid[0] + _SETTLED, max(1, round(_SMOOTHING / np.median(np.diff(times))))
+    counts, period = times[:-1] > grid[0] + _SETTLED, float(np.median(np.diff(times)))
+    half = max(1, round(_SMOOTHING / period))
 
-    def errors(x: Floats) -> Floats:
+    def errors(x: Floats, slow: float) -> Floats:
         angles = _STEP * np.cumsum(_response(commands, x[1], lag), axis=0)
         at = np.column_stack([np.interp(times - x[0], grid, angle) for angle in angles.T])
-        rest = savgol_filter(np.diff(at, axis=0) - turned, 2 * half + 1, 2, axis=0)[counts]
-        return np.asarray((rest - rest.mean(axis=0)).ravel())
+        rest = np.diff(at, axis=0) - turned
+        quick, rest = (savgol_filter(rest, 2 * width + 1, 2, axis=0) for width in (half, max(2, round(slow / period))))
+        return np.asarray((quick - rest)[counts].ravel())
+
+    def fit(slow: float) -> Any:
+        return least_squares(
+            errors,
+            (0.02, max(0.03, 1.5 * fastest)),
+            bounds=((0.0, fastest), (_SLOWEST, _SLOWEST)),
+            diff_step=[1e-3, 1e-3],
+            x_scale=[0.01, 0.01],
+            args=(slow,),
+        )
 
     fastest = max(1e-3, FASTEST_LOOP * lag)
-    found = least_squares(
-        errors,
-        (0.02, max(0.03, 1.5 * fastest)),
-        bounds=((0.0, fastest), (_SLOWEST, _SLOWEST)),
-        diff_step=[1e-3, 1e-3],
-        x_scale=[0.01, 0.01],
-    )
+    found, test = map(fit, _SLOW)
     slopes: Any = found.jac
     inverse = np.linalg.inv(slopes.T @ slopes)
     blocks = np.array([part.sum(axis=0) for part in np.array_split(slopes * found.fun[:, np.newaxis], _BLOCKS)])
     spread = inverse @ (blocks.T @ blocks) @ inverse * _BLOCKS / (_BLOCKS - 1.0)
     latency, constant = found.x.tolist()
-    return Loop(latency, constant, tuple(np.sqrt(np.diag(spread)).tolist()))
+    deviations = np.sqrt(np.diag(spread) + (found.x - test.x) ** 2 + (0.5 * _STEP) ** 2)
+    if not 1.01 * fastest < constant < 0.99 * _SLOWEST:
+        deviations[:] = np.inf
+    return Loop(latency, constant, tuple(deviations.tolist()))
 
 
 def _response(commands: Floats, time_constant: float, lag: float) -> Floats:
