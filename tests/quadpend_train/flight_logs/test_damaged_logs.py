@@ -112,6 +112,10 @@ REFUSED = {
     "a far stamp": (at("time", 1e8, 299), "nearly all gap.* to 100000000 s"),
     "scaled quaternions": (csv(lambda table: table.assign(qw=1e4 * table.qw)), "norm 1, not 1e.04"),
     "a motor at rest": (at("motor3", 0.0), "its motor 'motor3' never turns"),
+    "millimetres": (
+        csv(lambda table: table.assign(**{name: 1e3 * table[name] for name in ("x", "y", "z", "vx", "vy", "vz")})),
+        "positions that jump by more than 0.5 m in [0-9]+% of its rows: check their unit, m",
+    ),
     "no motion": (csv(lambda table: table.assign(x=0.0, y=0.0, z=1.0)), "its position hardly changes"),
     "cut gzip": (gzip.compress(TEXT)[:-99], "rows of as many numbers"),
     "picture": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 9, "cannot be read"),
@@ -208,6 +212,18 @@ def test_a_topic_without_samples_is_a_gap(names: tuple[str, ...]) -> None:
     end = make_log("log", lost(whole(), slice(250, 299), list(names)), DEFAULT)
     assert 240 < len(end) <= 250
     assert "at the ends of the log log show no flight" in end.gaps()[0]
+
+
+def test_each_topic_may_have_rows_of_its_own() -> None:
+    topics = [DEFAULT.motors, DEFAULT.rate or (), ("x", "y", "z", "vx", "vy", "vz", "qw", "qx", "qy", "qz")]
+    parts = [whole()[["time", *names]].assign(time=whole().time + 0.003 * i) for i, names in enumerate(topics)]
+    log = make_log("topics", pd.concat(parts).sort_values("time", ignore_index=True), DEFAULT)
+    expected = make_log("log", whole(), DEFAULT)
+    assert len(log) == pytest.approx(ROWS, abs=1)
+    assert_allclose(log.position[:-1], expected.position[: len(log) - 1], atol=1e-6)
+    assert_allclose(log.motors[:-1], expected.motors[: len(log) - 1], atol=0.3)  # 6 ms earlier
+    assert log.valid.all()
+    assert "empty cells of the log topics are interpolated, at the times of qw" in log.gaps()
 
 
 def test_what_no_vehicle_does_is_left_out_and_named() -> None:

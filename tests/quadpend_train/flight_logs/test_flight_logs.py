@@ -14,7 +14,7 @@ from quadpend_gym.scenarios import SCENARIOS, find_scenarios
 from quadpend_gym.vehicles import Vehicle
 from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.cli.main import main
-from quadpend_train.flight_logs.identify import Found, check_log, doubts_of, identify, possible
+from quadpend_train.flight_logs.identify import Found, check_log, check_motion, doubts_of, identify, possible
 from quadpend_train.flight_logs.log import Columns, FlightLog, make_log, pole_motion
 from quadpend_train.flight_logs.readers import PX4, read_log
 from quadpend_train.flight_logs.replay import Thrust, compare, errors, fly, windows_of, without_pole
@@ -236,6 +236,16 @@ def test_a_wrong_order_of_motors_or_quaternions_is_said(log: FlightLog) -> None:
         check_log(replace(log, quaternion=log.quaternion[:, [1, 2, 3, 0]]), start)
     for seed in range(4):  # motors that explain no turning do not show their order
         check_log(replace(log, motors=np.random.default_rng(seed).normal(1500.0, 50.0, log.motors.shape)), start)
+
+
+def test_units_and_frames_that_contradict_each_other_are_said(log: FlightLog) -> None:
+    check_motion(log)
+    turned = log.rotation.inv().apply(log.velocity.copy())
+    for velocity in (100.0 * log.velocity, turned):
+        with pytest.raises(ValueError, match="must be in m/s and in the world frame"):
+            check_motion(replace(log, velocity=velocity))
+    with pytest.raises(ValueError, match=r"\(57.* times as large\): check .* rate_unit"):
+        check_motion(replace(log, rate=np.degrees(log.rate)))
 
 
 def test_a_pole_from_its_end_to_the_pivot_is_said(hanging: FlightLog) -> None:

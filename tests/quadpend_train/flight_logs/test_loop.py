@@ -1,7 +1,9 @@
 """The latency and the rate loop of a vehicle follow from a log of `quadpend fly`."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -41,6 +43,12 @@ def flown(latency: float, time_constant: float, seed: int = 0, steps: int = 800)
     return table.assign(stage="FLY")
 
 
+@cache
+def hover() -> pd.DataFrame:
+    """A log with 20 ms of both."""
+    return flown(0.02, 0.02)
+
+
 @pytest.mark.parametrize(("latency", "time_constant"), [(0.01, 0.02), (0.03, 0.02), (0.02, 0.03)])
 def test_a_log_of_eight_seconds_shows_the_loop(latency: float, time_constant: float) -> None:
     found = loop_of(flown(latency, time_constant), LAG)
@@ -67,11 +75,36 @@ def test_without_quick_commands_only_the_sum_is_known(
         assert found[:2] == pytest.approx((0.02, time_constant), abs=0.0015)
 
 
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"rate_x": 0.0, "rate_y": 0.0}, "not 0% of it: fly quicker, or check their axes"),
+        ({"rate_x": lambda table: -57.3 * table.rate_x}, "check their axes, their signs, and the units"),
+        ({"rate_x": "lost"}, "the log 'flight' has 'lost' in column 'rate_x' of row 1"),
+        ({"exposure": lambda table: table.exposure.where(table.index < 400, table.exposure - 2.0)}, "do not go back"),
+        ({"stage": "OFF"}, "not 0"),
+    ],
+)
+def test_a_log_without_the_loop_is_refused(change: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        loop_of(hover().assign(**change), LAG)
+
+
+def test_the_loop_is_that_of_the_samples_that_there_are() -> None:
+    """Of neither gaps, nor cells without a number, nor lost attitudes."""
+    table = hover().astype({"rate_x": float})
+    table.loc[30, "rate_x"] = np.nan
+    table.loc[500, "qw"] = np.nan
+    table.loc[510, ["qw", "qx", "qy", "qz"]] = 0.0
+    found = loop_of(table[(table.index < 300) | (table.index > 400)], LAG)
+    assert found[:2] == pytest.approx((0.02, 0.02), abs=0.0015)
+
+
 def test_identify_prints_the_loop_and_refuses_logs_without_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, columns = tmp_path / "log.csv", tmp_path / "log.toml"
-    table = flown(0.02, 0.02)
+    table = hover()
     table.to_csv(log, index=False)
     columns.write_text("seconds = [0.0, 1.5]")
     command = "identify", str(log), "--vehicle", "hummingbird", "--loop"
@@ -80,7 +113,9 @@ def test_identify_prints_the_loop_and_refuses_logs_without_it(
     assert "latency 2" in shown or "latency 1" in shown
     with pytest.raises(SystemExit):
         main([*command, "--columns", str(columns)])
-    assert "the log must have at least 200 samples in flight in seconds 0 to 1.5, not 1" in capsys.readouterr().err
+    assert (
+        "the log 'log' must have at least 200 samples in flight in seconds 0 to 1.5, not 1" in capsys.readouterr().err
+    )
     with pytest.raises(ValueError, match="from a log of `quadpend fly`, which has a column 'exposure'"):
         loop_of(table.drop(columns="exposure"), LAG)
     sentence = loop.Loop(0.02, 0.03, (0.001, 0.0015)).sentence()

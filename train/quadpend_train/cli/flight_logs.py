@@ -55,9 +55,11 @@ def replay(
         blackbox_columns: As columns, for the blackbox.
     """
     from quadpend_gym.vehicles.vehicle import as_vehicle
+    from quadpend_train.flight_logs.identify import check_motion
     from quadpend_train.flight_logs.replay import compare, table
 
     for read in _read([log], columns, blackbox, blackbox_columns):
+        check_motion(read)
         print(f"{read.name}:")
         print(table(compare(read, {name: as_vehicle(name) for name in vehicle}, horizon, delay)))
         for sentence in read.gaps():
@@ -103,7 +105,8 @@ def identify(
             raise ValueError("--loop reads the logs of `quadpend fly` alone: leave --blackbox out")
         for path in logs:
             seconds = as_columns(columns, DEFAULT).seconds
-            print(f"{path}: {loop_of(read_csv(path), 0.5 * sum(rotors_of(start).lags), seconds).sentence()}.")
+            found_loop = loop_of(read_csv(path), 0.5 * sum(rotors_of(start).lags), seconds, path.stem)
+            print(f"{path}: {found_loop.sentence()}.")
         return
     fitted, tests = _read(logs, columns, blackbox, blackbox_columns), _read(test, columns)
     found = identify_from(fitted, start, tests=tests)

@@ -68,6 +68,7 @@ _STEADY = 0.65  # least `steadiness` of single readings; NanoBench's quick fligh
 _FAR, _FARTHER = 3.0, 6.0  # times a quantity of the start vehicle: doubtful; of drags and lags, which are less known
 _LESS_KNOWN = ("lag", "drag", "pole_drag")
 _SLOW = 0.1  # s: half width of the means of body rates that are compared with those of the attitude
+_MOVING = 0.1  # rad/s, m/s: standard deviation of motion that is no noise
 _STILL = 0.3  # correlation of `falling` below which noise hides the pole's motion
 _BY_TURNS = ("inertia_roll", "inertia_pitch", "lag", "delay", "drag_height", "angular_drag")
 _STEP = 1e-4  # of forward differences, as a share of a quantity's size
@@ -592,6 +593,29 @@ def falling(log: FlightLog, vehicle: Vehicle) -> float:
     return float(np.corrcoef(expected, turning)[0, 1])
 
 
+def check_motion(log: FlightLog) -> None:
+    """Refuse a log whose body rates are not those of its attitude, or whose velocities not those of its position."""
+
+    def without_noise(*numbers: Floats) -> list[Floats]:
+        width = 2 * max(1, round(_SLOW / log.period)) + 1  # motion capture shows no quick turns
+        return [savgol_filter(each, width, 1, axis=0)[log.valid] for each in numbers]
+
+    rate, turned = without_noise(log.rate, rate_of_attitude(log.rotation, log.period))
+    axes = np.flatnonzero(rate.std(axis=0) > _MOVING)
+    ratio = rate.std() / max(turned.std(), 1e-9)
+    if any(np.corrcoef(rate[:, axis], turned[:, axis])[0, 1] < 0.5 for axis in axes) or (len(axes) and ratio > 2.0):
+        raise ValueError(
+            f"the log {log.name!r} has body rates that are not those of its attitude ({ratio:.3g} times as large):"
+            " check the order of the quaternion (w, x, y, z; body to world), the frame, and rate_unit"
+        )
+    velocity, moved = without_noise(log.velocity, smoothed_derivative(log.position, log.period))
+    if moved.std() > _MOVING and (velocity - moved).std() > 0.5 * moved.std():
+        raise ValueError(
+            f"the log {log.name!r} has velocities that are not those of its position"
+            f" ({velocity.std() / moved.std():.3g} times as large): they must be in m/s and in the world frame"
+        )
+
+
 def check_log(log: FlightLog, vehicle: Vehicle) -> None:
     """Refuse a log whose attitude and body rate contradict each other, whose pole falls up, or with mixed-up motors."""
     if log.pole is not None and falling(log, vehicle) < -0.5:
@@ -599,16 +623,8 @@ def check_log(log: FlightLog, vehicle: Vehicle) -> None:
             f"the log {log.name!r} has a pole that falls upwards: check that its direction is in the world frame and"
             " leads from the pivot to its centre of mass"
         )
-    width = 2 * max(1, round(_SLOW / log.period)) + 1  # motion capture shows no quick turns
-    both = log.rate, rate_of_attitude(log.rotation, log.period)
-    rate, turned = (savgol_filter(each, width, 1, axis=0)[log.valid] for each in both)
-    axes = [axis for axis in range(3) if rate[:, axis].std() > 0.1]
-    if any(np.corrcoef(rate[:, axis], turned[:, axis])[0, 1] < 0.5 for axis in axes):
-        raise ValueError(
-            f"the log {log.name!r} has body rates that are not those of its attitude: check the order of the quaternion"
-            " (w, x, y, z; body to world), the frame, and the unit rad/s"
-        )
-    if not axes or not np.ptp(log.motors):
+    check_motion(log)
+    if (log.rate[log.valid].std(axis=0) < _MOVING).all() or not np.ptp(log.motors):
         return  # nothing turns the body
     explained, slopes = regression(log, vehicle)
     if explained < _GENTLE:

@@ -19,13 +19,14 @@ from quadpend_gym.core.settings import Interval, Range, settings, suggest
 
 _SMOOTHING = 0.05  # s: half width of the parabola that differentiates a log without velocities or body rates
 _HARMLESS = 0.02  # s: a quiet log of 1 kHz repeats its numbers for as long
-_LONGEST_GAP = 3.5  # usual distances between two positions; windows of a replay contain no longer gap
+LONGEST_GAP = 3.5  # usual distances between two positions; windows of a replay contain no longer gap
 _COUNTERS = (2**24 * 1e-6, 2**16 * 1e-3, 2**32 * 1e-6, 2**24 * 1e-3, 2**32 * 1e-3)  # s, after which they begin again
 _FEWEST = 50  # rows of each of several flights in a file
 _PERIODS = (1e-4, 0.1)  # s: a wrong unit of the time, by a factor of 1000, leaves this range
 _JUMP = 0.5  # m: longest step between two samples, beyond that of the velocity; an estimator that resets its position
+_RARE = 0.1  # largest share of rows with such a step; more have another unit
 _TURN = 0.35  # rad: longest turn between two samples, beyond that of the body rate; motion capture that flips
-_NORM = 0.1  # largest deviation of the norm of a quaternion from 1
+NORM = 0.1  # largest deviation of the norm of a quaternion from 1
 _SPIKE, _SPIKES = 1.0, 20.0  # rad/s, and median deviations, of a body rate from the median of five samples
 _FASTEST = {
     "rad/s": 2.0,
@@ -181,13 +182,15 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     if columns.pole_direction and not any(each in table for each in columns.pole_direction):
         columns = replace(columns, pole_direction=None)
     stamps, numbers = _numbers(name, table, columns)
-    outliers = _outliers(numbers, columns)
-    notes = [
-        f"{int(rows.sum())} rows of the log {name} with {what} are left out"
-        for what, rows in outliers.items()
-        if rows.any()
-    ]
+    outliers, notes = _outliers(numbers, columns), list[str]()
+    for what, rows in outliers.items():
+        notes += [f"{int(rows.sum())} rows of the log {name} with {what} are left out"] if rows.any() else []
     numbers[np.any([*outliers.values()], axis=0)] = np.nan
+    if 2 * numbers.notna().all(axis=1).sum() < len(numbers):  # each topic has rows of its own
+        own = (columns.quaternion or columns.rate or columns.motors)[0]
+        between = numbers.set_axis(stamps).interpolate("index", limit_area="inside").set_axis(numbers.index)
+        numbers = between[numbers[own].notna()].reindex(numbers.index)
+        notes.append(f"empty cells of the log {name} are interpolated, at the times of {own}")
     since = stamps - np.min(stamps, initial=np.inf)
     keep = numbers.notna().all(axis=1) & (since >= columns.seconds[0]) & (since <= columns.seconds[1])
     time, first = np.unique(stamps[keep], return_index=True)
@@ -237,6 +240,11 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     jump = np.full(len(grid) - 1, False)
     if columns.position:
         jump |= np.linalg.norm(np.diff(position, axis=0) - period * velocity[1:], axis=1) > _JUMP
+        if jump.mean() > _RARE:
+            raise ValueError(
+                f"the log {name!r} has positions that jump by more than {_JUMP:g} m in {jump.mean():.0%} of its rows:"
+                " check their unit, m, and that of the velocity, m/s"
+            )
     if columns.quaternion:
         turn = (rotation[:-1].inv() * rotation[1:]).magnitude()
         jump |= turn > _TURN + 1.5 * period * np.linalg.norm(rate[1:], axis=1)
@@ -244,7 +252,7 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
     groups = [list(each) for each in (columns.position, columns.motors, columns.rate) if each]
     for samples in (time[seen], *(time[_knots(time, table[each])] for each in groups)):
         distances = np.diff(samples)
-        longest = max(_HARMLESS, _LONGEST_GAP * float(np.median(distances)))
+        longest = max(_HARMLESS, LONGEST_GAP * float(np.median(distances)))
         breaks += [(samples[i], samples[i + 1]) for i in np.flatnonzero(distances > longest)]
     valid = np.full(len(grid), True)
     for begin, end in breaks:  # derivatives near a gap contain it
@@ -285,7 +293,7 @@ def _outliers(numbers: pd.DataFrame, columns: Columns) -> dict[str, Any]:
         out["a spike of the body rate"] = (away > np.maximum(_SPIKE, _SPIKES * away.median())).any(axis=1)
     if columns.quaternion:
         norms = np.linalg.norm(numbers[list(columns.quaternion)], axis=1)
-        out["no attitude"] = np.abs(norms - 1.0) > _NORM
+        out["no attitude"] = np.abs(norms - 1.0) > NORM
     return out
 
 
@@ -323,9 +331,9 @@ def _flight(log: FlightLog) -> FlightLog:
     return replace(log, valid=valid, notes=notes).cut(begin, end)
 
 
-def _numbers(name: str, table: pd.DataFrame, columns: Columns) -> tuple[Floats, pd.DataFrame]:
-    """Return the stamps in s and the named columns of all rows with a stamp, if they can be those of a flight."""
-    for column in (wanted := columns.names):
+def numeric(name: str, table: pd.DataFrame, wanted: Sequence[str], stamps: Sequence[str]) -> pd.DataFrame:
+    """Return the named columns of a table as numbers; only those of the `stamps` may be large."""
+    for column in wanted:
         if column not in table or f"{column}.1" in table:  # pandas renames a second x to x.1
             found = "two columns" if column in table else "no column"
             present = ", ".join(repr(each[:30]) for each in table.columns[:30])
@@ -333,14 +341,22 @@ def _numbers(name: str, table: pd.DataFrame, columns: Columns) -> tuple[Floats, 
                 f"the log {name!r} has {found} {column!r}{suggest(column, table.columns)}; name its columns, which are"
                 f" {present}"
             )
-    numbers = table[wanted].apply(pd.to_numeric, errors="coerce").astype(float)
-    wrong = (numbers.isna() & table[wanted].notna()) | (numbers.abs() > _LARGEST).assign(**{columns.time: False})
+    numbers = table[list(wanted)].apply(pd.to_numeric, errors="coerce").astype(float)
+    wrong = (numbers.isna() & table[list(wanted)].notna()) | (numbers.abs() > _LARGEST).assign(
+        **dict.fromkeys(stamps, False)
+    )
     for row, column in np.argwhere(wrong.to_numpy())[:1]:
-        cell = str(table[wanted].iat[row, column])[:30]
+        cell = str(table[wanted[column]].iat[row])[:30]
         raise ValueError(
             f"the log {name!r} has {cell!r} in column {wanted[column]!r} of row {row + 1}; cells must be numbers up to"
             f" {_LARGEST:g}, or empty"
         )
+    return numbers
+
+
+def _numbers(name: str, table: pd.DataFrame, columns: Columns) -> tuple[Floats, pd.DataFrame]:
+    """Return the stamps in s and the named columns of all rows with a stamp, if they can be those of a flight."""
+    numbers = numeric(name, table, columns.names, [columns.time])
     numbers = numbers[np.isfinite(numbers[columns.time])]
     time = _unwrapped(numbers[columns.time].to_numpy() * _SECONDS[columns.time_unit])
     for i in np.flatnonzero(np.diff(time) < 0.0)[:1]:
@@ -351,7 +367,7 @@ def _numbers(name: str, table: pd.DataFrame, columns: Columns) -> tuple[Floats, 
         )
     if columns.quaternion:
         norms = np.linalg.norm(numbers[list(columns.quaternion)], axis=1)
-        wrong = np.flatnonzero(np.abs(norms - 1.0) > _NORM)
+        wrong = np.flatnonzero(np.abs(norms - 1.0) > NORM)
         if 2 * len(wrong) > len(norms):
             raise ValueError(
                 f"the log {name!r} must have quaternions of norm 1, not {norms[wrong[0]]:.3g} as in row"
@@ -365,7 +381,7 @@ def _unwrapped(time: Floats) -> Floats:
     steps, out = np.diff(time), time.copy()
     usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
     for span in _COUNTERS:
-        near = min(_LONGEST_GAP * usual, 0.01 * span)
+        near = min(LONGEST_GAP * usual, 0.01 * span)
         out[1:] += span * np.cumsum((steps < 0.0) & (np.abs(steps + span) <= near))
     return out
 

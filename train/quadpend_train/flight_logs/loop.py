@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.rotors import rate_loop_gains
 from quadpend_gym.vehicles.vehicle import FASTEST_LOOP
-from quadpend_train.flight_logs.log import Columns
+from quadpend_train.flight_logs.log import LONGEST_GAP, NORM, Columns, numeric
 
 _STEP = 0.001  # s
 _SETTLED = 0.4  # s, after which the begin is forgotten
@@ -30,6 +30,7 @@ _SLOW = (0.25, 0.15)  # s: of the parabola that is slow motion, in the fit and i
 _BLOCKS = 30
 _QUATERNION, _RATES = ["qw", "qx", "qy", "qz"], ["rate_x", "rate_y"]
 _SLOWEST = 0.3  # s
+_EXPLAINED = 0.6  # least share of the quick turns that commands explain
 _KNOWN = 0.04  # of the sum: standard deviation beyond which latency and time constant are not told apart
 
 
@@ -59,40 +60,52 @@ class Loop(NamedTuple):
         return f"latency {latency}, rate_loop.time_constant {constant}; in brackets: 95 % intervals"
 
 
-def loop_of(table: pd.DataFrame, lag: float, seconds: tuple[float, float] = Columns.seconds) -> Loop:
+def loop_of(
+    table: pd.DataFrame, lag: float, seconds: tuple[float, float] = Columns.seconds, name: str = "flight"
+) -> Loop:
     """Return the loop from a log of `quadpend fly`.
 
     Args:
         table: The log.
         lag: Of the vehicle's rotors, s.
         seconds: Part of the log to read, from its first row on; only what is in the stage FLY counts.
+        name: Of the log, for messages.
     """
-    wanted = ["time", "exposure", "stage", *_QUATERNION, *_RATES]
-    if missing := [name for name in wanted if name not in table]:
+    wanted = ["time", "exposure", *_QUATERNION, *_RATES]
+    if missing := [each for each in ("stage", *wanted) if each not in table]:
         raise ValueError(f"the loop is identified from a log of `quadpend fly`, which has a column {missing[0]!r}")
-    since = table.time - table.time.iloc[0]
-    table = table[(table.stage == "FLY") & (since >= seconds[0]) & (since <= seconds[1])]
-    seen = table.exposure.notna().to_numpy()
+    stage, table = table.stage, numeric(name, table, wanted, ["time", "exposure"])
+    since = table.time - table.time.min()
+    table = table[(stage == "FLY") & (since >= seconds[0]) & (since <= seconds[1])].dropna(subset=_RATES)
+    norms = np.linalg.norm(table[_QUATERNION], axis=1)
+    seen = table.exposure.notna().to_numpy() & (np.abs(norms - 1.0) < NORM)
     if seen.sum() < _LEAST:
         raise ValueError(
-            f"the log must have at least {_LEAST} samples in flight in seconds {seconds[0]:g} to {seconds[1]:g}, not"
-            f" {seen.sum()}"
+            f"the log {name!r} must have at least {_LEAST} samples in flight in seconds {seconds[0]:g} to"
+            f" {seconds[1]:g}, not {seen.sum()}"
         )
     # by the clock of the samples; where there was none, as long before the step as usual
     exposed = table.exposure.fillna(table.time - (table.time - table.exposure).median()).to_numpy()
+    if (np.diff(exposed[seen]) < 0.0).any():
+        raise ValueError(f"the log {name!r} must have exposures that do not go back")
     grid = np.arange(exposed[0], exposed[-1], _STEP)
     commands = table[_RATES].to_numpy()[np.searchsorted(exposed, grid, side="right") - 1]
     rotation, times = Rotation.from_quat(table[_QUATERNION][seen], scalar_first=True), exposed[seen]
     turned = (rotation[:-1].inv() * rotation[1:]).as_rotvec()[:, :2]
-    counts, period = times[:-1] > grid[0] + _SETTLED, float(np.median(np.diff(times)))
-    half = max(1, round(_SMOOTHING / period))
+    period = float(np.median(np.diff(times)))
+    half, counts = max(1, round(_SMOOTHING / period)), times[:-1] > grid[0] + _SETTLED
+    for gap in np.flatnonzero(np.diff(times) > LONGEST_GAP * period):
+        counts &= (times[:-1] < times[gap] - _SETTLED) | (times[:-1] > times[gap + 1] + _SETTLED)
+
+    def quick(turns: Floats, slow: float) -> Floats:
+        """Return turns without noise and without what is slow."""
+        kept, rest = (savgol_filter(turns, 2 * width + 1, 2, axis=0) for width in (half, max(2, round(slow / period))))
+        return np.asarray((kept - rest)[counts].ravel())
 
     def errors(x: Floats, slow: float) -> Floats:
         angles = _STEP * np.cumsum(_response(commands, x[1], lag), axis=0)
         at = np.column_stack([np.interp(times - x[0], grid, angle) for angle in angles.T])
-        rest = np.diff(at, axis=0) - turned
-        quick, rest = (savgol_filter(rest, 2 * width + 1, 2, axis=0) for width in (half, max(2, round(slow / period))))
-        return np.asarray((quick - rest)[counts].ravel())
+        return quick(np.diff(at, axis=0) - turned, slow)
 
     def fit(slow: float) -> Any:
         return least_squares(
@@ -106,6 +119,13 @@ def loop_of(table: pd.DataFrame, lag: float, seconds: tuple[float, float] = Colu
 
     fastest = max(1e-3, FASTEST_LOOP * lag)
     found, test = map(fit, _SLOW)
+    motion = quick(turned, _SLOW[0])
+    explained = 1.0 - float(found.fun @ found.fun) / max(float(motion @ motion), 1e-12)
+    if explained < _EXPLAINED:
+        raise ValueError(
+            f"the log {name!r} must have commanded rates that explain most of how the body turns quickly, not"
+            f" {max(explained, 0.0):.0%} of it: fly quicker, or check their axes, their signs, and the units (s, rad/s)"
+        )
     slopes: Any = found.jac
     inverse = np.linalg.inv(slopes.T @ slopes)
     blocks = np.array([part.sum(axis=0) for part in np.array_split(slopes * found.fun[:, np.newaxis], _BLOCKS)])

@@ -25,6 +25,7 @@ SCALES = dict(zip(CHANNELS, (1e3, 1e3, *np.degrees(np.ones(3))), strict=True))
 _NO_POLE = Pole(mass=1e-5, length=0.5)  # the lightest one; its weight is 0.1 mN
 _LONGEST_STEP = 0.005  # s
 _BRUSHED = 2.0  # exponent of the voltage: the speed of a brushed motor is proportional to it
+_MOST = 6000  # windows of a log: hours would take all memory
 _WARM_UP = 8.0  # lags of the rotors before a window, in which their thrusts forget where they began
 
 
@@ -85,9 +86,9 @@ class Windows:
 
 
 def windows_of(log: FlightLog, horizon: float, stride: float) -> Windows:
-    """Return windows of `horizon` seconds that begin every `stride` seconds and have no gap in them."""
+    """Return windows of `horizon` seconds, without a gap, that begin every `stride` seconds; at most `_MOST`."""
     steps, lead = max(1, round(horizon / log.period)), round(0.5 / log.period)
-    first = np.arange(lead, len(log) - steps - lead, max(1, round(stride / log.period)))
+    first = np.arange(lead, len(log) - steps - lead, max(1, round(stride / log.period), -(-len(log) // _MOST)))
     gaps = np.append(0, np.cumsum(~log.valid))
     first = first[gaps[first + steps + 1] == gaps[first]]
     if not len(first):
