@@ -1,10 +1,12 @@
 """A wheel has the three packages with their data and nothing else, and is enough to fly a controller."""
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from zipfile import ZipFile
 
 import pytest
@@ -56,15 +58,27 @@ def test_the_same_version_stands_in_every_file() -> None:
 
 
 @pytest.mark.extras
-def test_the_first_example_of_the_readme_runs_where_only_the_wheel_is_installed(wheel: Path, tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    python = tmp_path / "venv/bin/python"
-    example = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[0]
-    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
-    subprocess.run([python, "-I", "-m", "pip", "install", "--quiet", wheel], check=True)
-    code = f"{example}\nprint(quadpend_gym.__file__)"
-    ran = subprocess.run(
-        [python, "-I", "-c", code], cwd=tmp_path / "empty", capture_output=True, text=True, check=False
-    )
-    assert ran.returncode == 0, ran.stderr
-    assert re.search(r"error after 12 s: \[.*\] mm\n" + re.escape(str(tmp_path / "venv")), ran.stdout)
+def test_the_readme_runs_where_only_the_wheel_is_installed_and_its_commands_with_its_extras(
+    wheel: Path, tmp_path: Path
+) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (example,), (commands,) = (re.findall(rf"```{kind}\n(.*?)```", readme, re.DOTALL) for kind in ("python", "sh"))
+    brief = {"train": "--max-seconds 5", "evaluate": "--episodes 2", "watch": "--out look.png"}
+    with TemporaryDirectory() as folder:  # 2 GB, which pytest would keep
+        python = Path(folder, "bin/python")
+
+        def run(*command: str | Path) -> str:
+            ran = subprocess.run([python, "-I", *command], cwd=tmp_path, capture_output=True, text=True, check=False)
+            assert ran.returncode == 0, ran.stderr
+            return ran.stdout
+
+        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+        run("-m", "pip", "install", "--quiet", wheel)
+        printed = run("-c", f"{example}\nprint(quadpend_gym.__file__)")
+        assert re.search(rf"error after 12 s: \[.*\] mm\n{re.escape(folder)}", printed)
+        run("-m", "pip", "install", "--quiet", "--constraint", ROOT / "constraints.txt", f"{wheel}[train,view]")
+        for line in commands.splitlines():
+            _, command, *options = shlex.split(line)
+            run("-m", "quadpend_train", command, *options, *shlex.split(brief[command]))
+    assert (tmp_path / "look.png").stat().st_size > 10_000
+    assert (tmp_path / "results/report.html").exists()
