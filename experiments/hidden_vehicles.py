@@ -1,14 +1,14 @@
 """From one log to a policy that is better for it: hidden vehicles in simulated reality.
 
-    python -m experiments.hidden_vehicles              # 20 vehicles: docs/identification/hidden.csv
+    python -m experiments.hidden_vehicles --vehicles 13   # docs/identification/hidden.csv
 
 A hidden vehicle has mass, geometry and pole of the start file, the preset `hummingbird`. It has its own drags, inertia,
 centre of mass, lag of the rotors, rate loop and latency, and thrusts that fall with the voltage of the battery. In the
 log, a controller of the start file flies the manoeuvre of `simulated_logs` for 60 s, without the pole, through this
-loop, with steps of the commanded rates. `quadpend identify` makes the vehicle file, and with `--loop` the latency and
-the rate loop. Then `lqg` flies the hidden vehicle in the same held-out episodes, designed for the start file, for the
-vehicle file with the loop of the start, for the vehicle file with its own loop, and for the truth. Each believes a
-thrust curve, by which it turns thrusts into throttles; that of the start knows no voltage.
+loop, with steps of the commanded rates; motors are means over a row. `quadpend identify` makes the vehicle file, and
+with `--loop` the latency and the rate loop. Then `lqg` flies the hidden vehicle in the same held-out episodes, designed
+for the start file, for the vehicle file with the loop of the start, for the vehicle file with its own loop, and for the
+truth. Each believes a thrust curve, by which it turns thrusts into throttles; that of the start knows no voltage.
 """
 
 import argparse

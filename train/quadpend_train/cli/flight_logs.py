@@ -115,16 +115,9 @@ def identify(
         print(f"\n{'' if test else 'The held-out part of '}{log.name}:")
         both = {start.name: start, "identified": found.vehicle}
         print(table(compare(log, both, delay=found.delay, thrusts={"identified": found.thrust})))
-    print()
     gaps = [sentence for log in (*fitted, *tests) for sentence in log.gaps()]
-    far = doubts_of(found, start)
-    for sentence in [
-        *gaps,
-        *found.sentences(),
-        *far,
-        *doubts(Simulation(vehicle=found.vehicle, interface="body_rates")),
-    ]:
-        print(f"Note: {sentence}.")
+    doubtful = *doubts_of(found, start), *doubts(Simulation(vehicle=found.vehicle, interface="body_rates"))
+    print("", *(f"Note: {sentence}." for sentence in (*gaps, *found.sentences(), *doubtful)), sep="\n")
     training = write_vehicle(found, start, out)
     print(f"Written: {out} and {training}")
     print(f"Train: quadpend train --settings {SETTINGS} --scenarios {training} --out runs/{out.stem}")

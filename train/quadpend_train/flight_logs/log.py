@@ -28,12 +28,8 @@ _RARE = 0.1  # largest share of rows with such a step; more have another unit
 _TURN = 0.35  # rad: longest turn between two samples, beyond that of the body rate; motion capture that flips
 NORM = 0.1  # largest deviation of the norm of a quaternion from 1
 _SPIKE, _SPIKES = 1.0, 20.0  # rad/s, and median deviations, of a body rate from the median of five samples
-_FASTEST = {
-    "rad/s": 2.0,
-    "rpm": 2.0,
-    "100 rpm": 2.0,
-    "N": 4.0,
-}  # largest motor number as a multiple of the 99 % quantile
+# largest motor number as a multiple of the 99 % quantile
+_FASTEST = dict.fromkeys(("rad/s", "rpm", "100 rpm"), 2.0) | {"N": 4.0}
 _STRAIGHT = 1e-3, 0.98  # share of this quantile: samples this much closer to a straight line are interpolated
 _REST, _SPAN = (0.003, 0.005), 0.5  # m and half a rad, in which a vehicle at rest stays for so long, s
 _FALLEN = 0.5  # cosine of the tilt in which a crashed vehicle ends
@@ -281,12 +277,9 @@ def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
 def _outliers(numbers: pd.DataFrame, columns: Columns) -> dict[str, Any]:
     """Return by their names the kinds of rows whose numbers no vehicle makes."""
     motors, out = numbers[list(columns.motors)], dict[str, Any]()
-    most = (
-        65535.0 if columns.motor_unit == "pwm16" else _FASTEST.get(columns.motor_unit, np.inf) * motors.quantile(0.99)
-    )
-    out["a motor out of its range"] = (motors > most).any(axis=1) | (columns.motor_unit == "pwm16") & (
-        motors < 0.0
-    ).any(axis=1)
+    high: Any = _FASTEST.get(columns.motor_unit, np.inf) * motors.quantile(0.99)
+    low, high = (0.0, 65535.0) if columns.motor_unit == "pwm16" else (-np.inf, high)
+    out["a motor out of its range"] = ((motors < low) | (motors > high)).any(axis=1)
     if columns.rate:
         rates = numbers[list(columns.rate)] * _RATES[columns.rate_unit]
         away = (rates - rates.rolling(5, center=True, min_periods=1).median()).abs()
