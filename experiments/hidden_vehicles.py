@@ -1,6 +1,6 @@
 """From one log to a policy that is better for it: hidden vehicles in simulated reality.
 
-    python -m experiments.hidden_vehicles --vehicles 13   # docs/identification/hidden.csv
+    python -m experiments.hidden_vehicles              # 20 vehicles: docs/identification/hidden.csv
 
 A hidden vehicle has mass, geometry and pole of the start file, the preset `hummingbird`. It has its own drags, inertia,
 centre of mass, lag of the rotors, rate loop and latency, and thrusts that fall with the voltage of the battery. In the
