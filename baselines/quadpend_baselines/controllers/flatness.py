@@ -39,6 +39,7 @@ from quadpend_baselines.gains import Angle, Bandwidth, Damping, EstimatorGains, 
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     body_command,
+    chain_stiffness,
     equivalent_forces,
     equivalent_model,
     equivalent_reference,
@@ -52,7 +53,6 @@ from quadpend_baselines.modelling.flat_outputs import (
     euler_accelerations,
     flat_trajectory,
     tangent_from_attitude,
-    with_drag,
 )
 from quadpend_baselines.modelling.quantities import (
     Derivatives,
@@ -63,6 +63,7 @@ from quadpend_baselines.modelling.quantities import (
     limit_length,
     minus,
 )
+from quadpend_baselines.modelling.trajectory_drag import forces_now, plus_constant, trajectory_drag
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
@@ -108,9 +109,11 @@ def flatness(
     rigid: RigidSettings | None,
 ) -> Four:
     """Return thrust (N) and torques (N·m) of equations (1)–(7)."""
-    p, r, r_dot, followed = model.physics, s.direction, s.direction_rate, equivalent_reference(reference, model)
-    still = equivalent_forces(disturbance, model)
-    path, d = flat_trajectory(followed, still, p), with_drag(still, followed, p)
+    p, r, r_dot = model.physics, s.direction, s.direction_rate
+    drag = trajectory_drag(reference, model.vehicle, chain_stiffness(p))
+    acting = plus_constant(drag, disturbance)
+    forces = equivalent_forces(acting, model)
+    path, d = flat_trajectory(equivalent_reference(reference, drag, model), forces, p), forces_now(forces, disturbance)
     t0, t1, _ = coefficients(tangent_from_attitude(s.euler, s.euler_rate))
     axis_height = max(sincos(s.euler.x)[1] * sincos(s.euler.y)[1], _MIN_AXIS_HEIGHT)
     demanded = reference.d2.z - _feedback(s.velocity.z, s.position.z, gains.damping, gains.vertical_bandwidth)
@@ -165,7 +168,7 @@ def flatness(
         p.inertia_pitch * turning.y - d.torque.y,
         p.inertia_yaw * yaw_acceleration - d.torque.z,
     )
-    return body_command(s, command, disturbance, model, rigid)
+    return body_command(s, command, forces_now(acting, disturbance), model, rigid)
 
 
 @inlined

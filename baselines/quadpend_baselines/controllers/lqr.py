@@ -158,8 +158,8 @@ def deviation(
     # The desired roll and pitch are computed for the actual heading, not for the desired one.
     yaw, d = reference.yaw, reference
     heading = Derivatives(d.d2, d.d3, d.d4, d.d5, d.d6, Vec3(s.euler.z, yaw.y, yaw.z), d.d1, d.drag)
-    wanted, command = follow(heading, disturbance, model)
-    command = body_command(wanted, command, disturbance, model, rigid)
+    wanted, command, acting = follow(heading, disturbance, model)
+    command = body_command(wanted, command, acting, model, rigid)
     x = combine(-1.0, wanted, s)
     return (
         VehicleState(

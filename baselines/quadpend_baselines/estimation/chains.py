@@ -22,6 +22,7 @@ from quadpend_baselines.modelling.equivalent import (
 )
 from quadpend_baselines.modelling.flat_outputs import coefficients, euler_accelerations, tangent_from_attitude
 from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, divide, minus, turn3
+from quadpend_baselines.modelling.trajectory_drag import trajectory_drag
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.rigid_settings import RigidSettings
@@ -65,14 +66,15 @@ def make_measurement(
         s, t = direction, turn3(Vec3(euler.y, -euler.x, 0.0), sine, cosine)
     else:
         s, t = divide(direction, max(direction.z, _LEAST_VERTICAL)), divide(b, max(b.z, _LEAST_VERTICAL))
-    output = minus(flat_output(error, s, t, model), _offset(reference.d2, reference.d4, model))
-    moved = Vec3(output.x, output.y, error.z)
-    return AdrcMeasurement(moved, direction, s, t, b, yaw, euler.z, equivalent_reference(reference, model))
+    drag = trajectory_drag(reference, model.vehicle, chain_stiffness(model.physics))
+    wanted = equivalent_reference(reference, drag, model)
+    output = minus(flat_output(error, s, t, model), _offset(wanted.d2, wanted.d4, model))
+    return AdrcMeasurement(Vec3(output.x, output.y, error.z), direction, s, t, b, yaw, euler.z, wanted)
 
 
 @inlined
 def _offset(second: Vec3, fourth: Vec3, model: Pendulum) -> Vec3:
-    """Return F − F_d of the wanted F, or its rate, from the derivatives of F_d of two orders, m."""
+    """Return F − F_d of the wanted F, or its rate, from two of its derivatives, m."""
     return axpy(model.second, second, scale(model.fourth, fourth))
 
 
@@ -130,7 +132,7 @@ def state_from_chains(
         r_rate = scale(r.z, axpy(-along, r, s_rate))
     arms = axpy(model.thrust_arm, tilt_rate, scale(model.pendulum_arm, s_rate))
     velocity = axpy(-model.vehicle.rod_length, r_rate, of_both_axes(chains, LUENBERGER + 1, lane))
-    velocity = add(minus(velocity, arms), _offset(reference.d3, reference.d5, model))
+    velocity = add(minus(velocity, arms), _offset(wanted.d3, wanted.d5, model))
     velocity = _limited(Vec3(velocity.x, velocity.y, chains[HEIGHT + RATE, lane]), _MAX_VELOCITY)
     rate = Vec3(r_rate.x, r_rate.y, 0.0)
     return project_direction(VehicleState(measured.position, velocity, measured.euler, euler_rate, r, rate))
@@ -172,7 +174,7 @@ def chains_of_state(
         s_rate = divide(axpy(-s_rate.z, m.pendulum, s_rate), max(s.direction.z, _LEAST_VERTICAL))
     sigma, sigma_rate = sigma_of(m.pendulum, m.tilt, model), sigma_of(s_rate, t_rate, model)
     _, rate = bob_offset(s, model.vehicle.rod_length)
-    first = minus(flat_output(rate, s_rate, t_rate, model), _offset(reference.d3, reference.d5, model))
+    first = minus(flat_output(rate, s_rate, t_rate, model), _offset(wanted.d3, wanted.d5, model))
     second, third = minus(scale(g, sigma), wanted.d2), minus(scale(g, sigma_rate), wanted.d3)
     fourth = minus(scale(stiffness, minus(sigma, m.tilt)), wanted.d4)
     fifth = minus(scale(stiffness, minus(sigma_rate, t_rate)), wanted.d5)

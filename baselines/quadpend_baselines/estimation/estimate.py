@@ -16,8 +16,8 @@ An estimate is a flat vector with this layout (`Estimate` names its parts):
 | 82–84  | `anchor`      | the place of the reference when the episode began, m                                       |
 | 85–86  | `pole`        | believed length l (m) and mass (kg) of the pole, less the nominal ones                     |
 | 87–98  |               | the latest sample, and counts of others, see `samples`                                     |
-| 99–104 | `drag`        | velocity (m/s) and coefficients (N·s/m) of the drag at the reference, see `Derivatives`     |
-| 105–   |               | memory of the known loop, see `loop.act`; with a latency that is not a whole number of     |
+| 99–105 | `drag`        | velocity (m/s) and coefficients (N·s/m) of the drag at the reference, see `Derivatives`     |
+| 106–   |               | memory of the known loop, see `loop.act`; with a latency that is not a whole number of     |
 |        |               | periods then the action before                                                             |
 
 A measurement has the same layout, with position and place in the world, the age of the sample (s), and zeros for what
@@ -46,13 +46,13 @@ from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.attitude import body_rate, quaternion_from_euler
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, FORCE, POSITION, TORQUE, VELOCITY
-from quadpend_gym.physics.vectors import Vec3, axpy, load, store, store_four
+from quadpend_gym.physics.vectors import Vec3, axpy, load, load_four, store, store_four
 
 ORDERS = 5  # derivatives of the reference, of order 2 … 6
 STATE, DISTURBANCE, PLACE, REFERENCE, YAW, MASS_RATIO, AGE, INNOVATION, RIGID_PART, ANCHOR, POLE = (
     *(0, 18, 27, 33, 48, 51, 52, 53, 71, 82, 85),
 )
-SAMPLE, HELD, REPEATED, REFUSED, DRAG, LOOP = 87, 96, 97, 98, 99, 105  # see `samples`
+SAMPLE, HELD, REPEATED, REFUSED, DRAG, LOOP = 87, 96, 97, 98, 99, 106  # see `samples`
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
 LEAST_HEIGHT = float(np.sqrt(1.0 - _MAX_HORIZONTAL**2))  # r_z there
 
@@ -135,7 +135,8 @@ def law_inputs(estimate: Any, row: int) -> tuple[VehicleState, Forces, Derivativ
     The yaw is within half a turn of the reference's.
     """
     lanes, d = estimate.T, load_reference(estimate.T, REFERENCE, row)
-    reference = Derivatives(d.d2, d.d3, d.d4, d.d5, d.d6, d.yaw, load(lanes, DRAG, row), load(lanes, DRAG + 3, row))
+    velocity, drag = load(lanes, DRAG, row), load_four(lanes, DRAG + 3, row)
+    reference = Derivatives(d.d2, d.d3, d.d4, d.d5, d.d6, d.yaw, velocity, drag)
     s = for_nominal_length(load_state(lanes, STATE, row), lanes[POLE, row])
     s = moved(s, -1.0, lanes[PLACE:REFERENCE], row)
     euler = Vec3(s.euler.x, s.euler.y, near_angle(s.euler.z, reference.yaw.x))

@@ -121,7 +121,7 @@ def begin(
     store(memory, ANCHOR, lane, load(seen, PLACE, lane))
     store_measured_reference(memory, lane, seen)
     remember(memory, lane, seen)
-    desired, _ = follow(load_reference(seen, REFERENCE, lane), calm(), model)
+    desired, _, _ = follow(load_reference(seen, REFERENCE, lane), calm(), model)
     rates, measured = moved(desired, 1.0, memory[PLACE:REFERENCE], lane), measured_state(memory, lane, seen)
     state = project_direction(measured if has_rates else with_rates(measured, rates))
     store_vectors(memory, STATE, lane, state)

@@ -34,7 +34,7 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
 from quadpend_gym.physics.state import DIRECTION as STATE_DIRECTION
 from quadpend_gym.physics.state import EULER, POSITION
-from quadpend_gym.physics.vectors import Vec3, load_four, store
+from quadpend_gym.physics.vectors import Four, Vec3, load_four, store
 from quadpend_gym.tasks.observation import (
     FULL,
     LAB,
@@ -74,7 +74,7 @@ def read_reference(observation: Any, place: int, lane: int) -> Derivatives:
         scaled_vector(observation, place + 12, REFERENCE_START + 12, lane),
         scaled_vector(observation, place + 15, REFERENCE_START + 15, lane),
         Vec3(0.0, 0.0, 0.0),
-        Vec3(0.0, 0.0, 0.0),
+        Four(0.0, 0.0, 0.0, 0.0),
     )
 
 

@@ -45,7 +45,7 @@ from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.rigid_kernel import QUATERNION, RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, BOB_FORCE, DISTURBANCE_SIZE, FORCE, STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, load, load_four, norm, scale, store, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, load, load_four, scale, store, store_four
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS, ROD_LENGTH
 
 # Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, the action before and
@@ -111,12 +111,10 @@ def store_drag(memory: Any, lane: int, known: float, areas: tuple[float, float],
 
     The drag areas (m²) are those of quadrotor and bob.
     """
-    velocity, d = load(memory, PLACE + 3, lane), rotor_drag
-    speed = norm(velocity)
-    store(memory, DRAG, lane, velocity)
-    body = 0.5 * AIR_DENSITY * areas[0] * speed
-    pole = 0.5 * AIR_DENSITY * areas[1] * speed
-    store(memory, DRAG + 3, lane, Vec3(known * (body + 0.5 * (d.x + d.y)), known * (body + d.z), known * pole))
+    d, half = rotor_drag, 0.5 * known * AIR_DENSITY
+    store(memory, DRAG, lane, load(memory, PLACE + 3, lane))
+    drag = Four(0.5 * known * (d.x + d.y), known * d.z, half * areas[0], half * areas[1])
+    store_four(memory, DRAG + 3, lane, drag)
 
 
 @inlined

@@ -12,10 +12,10 @@ With A, B, C and the gain L of `lqg`'s filter,
     (2)  z = z⁻ + (L + s ΔL) i,                  i = y − C z⁻, limited; without a new sample i = 0
     (3)  z_N = A^N z + A^{N−1} B u_{k−N} + … + B u_{k−1}, when the next action acts
 
-s is that of equation (4) of `estimation.kalman`. L and ΔL are those of its table of gains after coasts, with lines
-between 0, 4, 10 and 30 periods without a sample. They are steady from the first sample on, and the filter knows no
-limit of the rotors, so it takes a saturated start for wind. A network that flies with it has to know these. N is the
-latency in whole periods, rounded.
+s is that of equation (4) of `estimation.kalman`. L is that of its table of gains after coasts, with lines between 0, 4,
+10 and 30 periods without a sample, and ΔL that after none. They are steady from the first sample on, and the filter
+knows no limit of the rotors, so it takes a saturated start for wind. A network that flies with it has to know these. N
+is the latency in whole periods, rounded.
 
 | part                                              | size | scale                |
 |---------------------------------------------------|------|----------------------|
@@ -75,7 +75,7 @@ class ConstantGain(NamedTuple):
     A: Floats  # (28, 28)
     B: Floats  # (28, 4)
     gain: Floats  # L after a coast of each length of `_COASTS`, less that after the one before, (4, 28, 8)
-    gust: Floats  # ΔL likewise, (4, 28, 8)
+    gust: Floats  # ΔL, (28, 8)
     ahead: Floats  # A^N, (28, 28)
     under_way: Floats  # A^{N−1} B … B, (28, 4 N)
     feedback: Floats  # −F, (4, 28)
@@ -120,7 +120,7 @@ def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NO
     bounds[list(_MEASURED)] = np.inf
     limit = GUST * p.bob_mass * p.gravity
     return ConstantGain(
-        A, B, gain[0], gain[1], powers[n], under_way, feedback, scales, bounds, limit, simulation.period, p.gravity
+        A, B, gain[0], gain[1][0], powers[n], under_way, feedback, scales, bounds, limit, simulation.period, p.gravity
     )
 
 
@@ -229,13 +229,12 @@ def observe(
         pull = out[row, _BOB] * out[row, _BOB] + out[row, _BOB + 1] * out[row, _BOB + 1]
         share = min(pull / (gust_force * gust_force), 1.0)
         for i in range(_SIZE):
-            now[row, i] = out[row, i]
+            now[row, i] = out[row, i] + share * _product(gust, i, out, row, _SIZE)
         for k in range(len(_COASTS)):
             shorter, longer = _COASTS[k - 1] if k > 0 else -1, _COASTS[k]
             after = min(max((coast - shorter) / (longer - shorter), 0.0), 1.0)
             for i in range(_SIZE):
-                correction = _product(gain[k], i, out, row, _SIZE) + share * _product(gust[k], i, out, row, _SIZE)
-                now[row, i] += after * correction
+                now[row, i] += after * _product(gain[k], i, out, row, _SIZE)
         for i in range(_SIZE):
             now[row, i] = min(max(select(begun > 0.5, now[row, i], 0.0), -bounds[i]), bounds[i])
         for k in range(MEASURED_SIZE):

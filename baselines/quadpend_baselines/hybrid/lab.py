@@ -9,7 +9,7 @@ value, and the time g since the last sample grows by the control period T. With 
 filters of x = (m, u), where u is the last action less its a_d, with x as a line between two samples, are
 
     (1)  |p − p⁻| < 0.03 m + (3 m/s + |v_d|) g             ⁻: at the last sample; v_d: of the reference
-    (2)  L = e^{−g/τ} L⁻ + (1 − e^{−g/τ}) τ/g (x − x⁻),    τ = 0.02, 0.06, 0.2, 0.6 and 2 s;   L = 0 at the start
+    (2)  L = e^{−g/τ} L⁻ + (1 − e^{−g/τ}) τ/g (x − x⁻),    τ = 0.03, 0.12, 0.5 and 2 s;   L = 0 at the start
 
 L is about τ ẋ where x changes slowly. From L a network can infer velocities, the response to its actions, mean wind and
 biases of any vehicle; from the filter of `constant_gain` those of the nominal one, near hover, with less noise.
@@ -18,7 +18,7 @@ biases of any vehicle; from the filter of `constant_gain` those of the nominal o
 |------------------------------------------------------------------------------------------|------|--------------------|
 | m: tracking error (m); r_x r_y and φ θ less those of the trajectory; ψ_e (rad)           | 8    | 0.05 m, 0.05, 0.1  |
 | u, with g = T in (2)                                                                     | 4    | 0.2                |
-| L for each τ                                                                             | 60   | as m and u         |
+| L for each τ                                                                             | 48   | as m and u         |
 | a_d                                                                                      | 4    | 1                  |
 | acceleration of the reference then, in the axes of the heading, and the rate of its yaw  | 4    | 2 m/s², 1 rad/s    |
 | its velocity then in these axes                                                          | 3    | 2 m/s              |
@@ -60,7 +60,7 @@ from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, POSITION
 from quadpend_gym.physics.vectors import Vec3, axpy, load, multiply, norm, store, store_four
 from quadpend_gym.tasks.observation import LAB
 
-_TIMES = np.array([0.02, 0.06, 0.2, 0.6, 2.0])  # τ, s
+_TIMES = np.array([0.03, 0.12, 0.5, 2.0])  # τ, s
 _FAR, _SPEED = 0.03, 3.0  # of (1), m and m/s
 _NEAR = 0.3  # largest component of F z_N
 _SAME = 1e-6  # a sample that differs by less repeats the one before
@@ -86,7 +86,7 @@ _POLE = LAB.columns["pole"].start
 class Deviations(NamedTuple):
     """What a step knows of the trajectory, arrays of n rows."""
 
-    measured: Floats  # measurements as in an estimate, the reference at the time when the next action acts, (n, 105)
+    measured: Floats  # measurements as in an estimate, the reference at the time when the next action acts, (n, 106)
     command: Floats  # of the trajectory then, N and N·m, (n, 4)
     desired: Floats  # rates and thrusts of the trajectory then, (n, 11)
     y: Floats  # deviations of position, attitude and direction, (n, 8)

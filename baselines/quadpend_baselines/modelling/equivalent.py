@@ -14,9 +14,15 @@ hover are still those of a pendulum, with its flat output F:
 s and t are the tangents of `flat_outputs`, in which σ takes the place of s. The reference F_d of the environment is
 that of ζ + l r. By (1), s and t follow from derivatives of F, so by (2) the derivatives of the wanted F are
 
-    (3)  F⁽ⁱ⁾ = F_d⁽ⁱ⁾ + c₂ F_d⁽ⁱ⁺²⁾ + (c₂² + c₄) F_d⁽ⁱ⁺⁴⁾ + …,    c₂ = (a + b)/g,    c₄ = (μ a − b)/(g K)
+    (3)  F⁽ⁱ⁾ = F_d⁽ⁱ⁾ + c₂ F⁽ⁱ⁺²⁾ + c₄ F⁽ⁱ⁺⁴⁾ + a s_f⁽ⁱ⁾ + b t_f⁽ⁱ⁾,    c₂ = (a + b)/g,    c₄ = (μ a − b)/(g K)
+    (4)  s_f = −d_B/(m g),    t_f = −(d_Q + d_B)/((M + m) g)
 
-up to the highest derivative in the observation, order 6. For the paper's vehicle λ = l, m' = m and μ = a = b = 0.
+for the drags d_Q and d_B on the trajectory. Derivatives of F_d above the highest in the observation, order 6, and those
+of the drag are taken for those of an oscillation: each is −ω² times that two orders lower, with
+
+    (5)  ω² = −Σ F_d⁽ⁱ⁾ F_d⁽ⁱ⁺²⁾ K⁻ⁱ / Σ (F_d⁽ⁱ⁾)² K⁻ⁱ,    i = 2, 3, 4
+
+on each axis, which is exact for circles and figure eights. For the paper's vehicle λ = l, m' = m and μ = a = b = 0.
 
 The functions of `Pendulum` take the numbers of this model. For rigid vehicles `rigid` is their `RigidSettings`; it is
 None for the paper's vehicle.
@@ -30,7 +36,6 @@ import numpy as np
 
 from quadpend_baselines.modelling.flat_outputs import (
     FlatTrajectory,
-    Pair,
     flat_trajectory,
     state_and_command,
     vertical_component,
@@ -47,15 +52,19 @@ from quadpend_baselines.modelling.quantities import (
     minus,
     store_vectors,
 )
-from quadpend_baselines.modelling.taylor import plus, times
+from quadpend_baselines.modelling.taylor import Pair, Series, Triple, plus, times
+from quadpend_baselines.modelling.trajectory_drag import forces_now, plus_constant, trajectory_drag
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, axpy, load_four, scale, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, axpy, load_four, store_four
 from quadpend_gym.vehicles import Drag, Pole, Vehicle
+
+_SMALL = 1e-4  # m²/s⁴
+_FASTEST = 0.5  # bound of ω²/K
 
 
 class Pendulum(NamedTuple):
@@ -67,7 +76,7 @@ class Pendulum(NamedTuple):
     pendulum_arm: float  # a, m
     thrust_arm: float  # b, m
     second: float  # c₂ of equation (3), s²
-    fourth: float  # c₂² + c₄ of equation (3), s⁴
+    fourth: float  # c₄ of equation (3), s⁴
 
 
 unpack_pendulum = unpacker(Pendulum)
@@ -98,52 +107,86 @@ def flat_output(bob: Vec3, pendulum: Vec3, tilt: Vec3, model: Pendulum) -> Vec3:
 
 
 @inlined
-def equivalent_forces(forces: Forces, model: Pendulum) -> Forces:
-    """Return the disturbance of the equivalent pendulum that acts like that of the vehicle."""
-    p, share = model.physics, model.vehicle.rod_length / model.physics.rod_length
-    force, bob_force = axpy(1.0 - share, forces.bob_force, forces.force), scale(share, forces.bob_force)
-    # Horizontally, the disturbance of s̈ acts on σ̈ with the factor 1/(1 + μ), and moves the equilibrium of σ.
-    relative = axpy(1.0 / p.bob_mass, bob_force, scale(-1.0 / p.quadrotor_mass, force))
-    moved = -p.bob_mass * p.gravity / chain_stiffness(p) * model.pivot_share / p.rod_length
-    on_bob, kept = axpy(moved, relative, bob_force), (1.0 - model.pivot_share) * p.quadrotor_mass
-    on_body = axpy(-kept, relative, scale(p.quadrotor_mass / p.bob_mass, on_bob))
-    return Forces(Vec3(on_body.x, on_body.y, force.z), Vec3(on_bob.x, on_bob.y, bob_force.z), forces.torque)
+def equivalent_forces(forces: tuple[Triple, Triple], model: Pendulum) -> tuple[Triple, Triple]:
+    """Return the forces on quadrotor and bob of the equivalent pendulum that act like those on a vehicle, N."""
+    body, bob = forces
+    x, y = _horizontal(body.x, bob.x, model), _horizontal(body.y, bob.y, model)
+    z = _shared(body.z, bob.z, model)
+    return Triple(x[0], y[0], z[0]), Triple(x[1], y[1], z[1])
 
 
 @inlined
-def equivalent_reference(reference: Derivatives, model: Pendulum) -> Derivatives:
-    """Return the derivatives of F for those of F_d by equation (3), and the drag of the equivalent pendulum."""
-    d2, d3, d4, d5, d6 = reference.d2, reference.d3, reference.d4, reference.d5, reference.d6
-    second, fourth, d1, drag = model.second, model.fourth, reference.d1, reference.drag
-    share = model.vehicle.rod_length / model.physics.rod_length  # of a force on the pole, see `equivalent_forces`
-    on_body = (1.0 - share) * drag.z
+def _shared(body: Series, bob: Series, model: Pendulum) -> tuple[Series, Series]:
+    """Return body + (1 − l/λ) bob and l/λ bob."""
+    share = model.vehicle.rod_length / model.physics.rod_length
+    return plus(body, times(1.0 - share, bob)), times(share, bob)
+
+
+@inlined
+def _horizontal(body: Series, bob: Series, model: Pendulum) -> tuple[Series, Series]:
+    """Return the forces of a horizontal axis. That of s̈ acts on σ̈ by 1/(1 + μ), and moves the equilibrium of σ."""
+    p, (force, bob_force) = model.physics, _shared(body, bob, model)
+    relative = plus(times(1.0 / p.bob_mass, bob_force), times(-1.0 / p.quadrotor_mass, force))
+    moved = -p.bob_mass * p.gravity / chain_stiffness(p) * model.pivot_share / p.rod_length
+    on_bob, kept = plus(bob_force, times(moved, relative)), (1.0 - model.pivot_share) * p.quadrotor_mass
+    return plus(times(p.quadrotor_mass / p.bob_mass, on_bob), times(-kept, relative)), on_bob
+
+
+@inlined
+def equivalent_reference(reference: Derivatives, drag: tuple[Triple, Triple], model: Pendulum) -> Derivatives:
+    """Return the derivatives of F for those of F_d in drag (N), by equation (3)."""
+    d, (body, bob) = reference, drag
+    x = _equivalent_axis(d.d2.x, d.d3.x, d.d4.x, d.d5.x, d.d6.x, body.x, bob.x, model)
+    y = _equivalent_axis(d.d2.y, d.d3.y, d.d4.y, d.d5.y, d.d6.y, body.y, bob.y, model)
     return Derivatives(
-        Vec3(d2.x + second * d4.x + fourth * d6.x, d2.y + second * d4.y + fourth * d6.y, d2.z),
-        Vec3(d3.x + second * d5.x, d3.y + second * d5.y, d3.z),
-        Vec3(d4.x + second * d6.x, d4.y + second * d6.y, d4.z),
-        d5,
-        d6,
-        reference.yaw,
-        Vec3(d1.x + second * d3.x + fourth * d5.x, d1.y + second * d3.y + fourth * d5.y, d1.z),
-        Vec3(drag.x + on_body, drag.y + on_body, share * drag.z),
+        Vec3(x[0], y[0], d.d2.z),
+        Vec3(x[1], y[1], d.d3.z),
+        Vec3(x[2], y[2], d.d4.z),
+        Vec3(x[3], y[3], d.d5.z),
+        Vec3(x[4], y[4], d.d6.z),
+        d.yaw,
+        d.d1,
+        d.drag,
     )
 
 
 @inlined
-def follow(reference: Derivatives, forces: Forces, model: Pendulum) -> tuple[VehicleState, Four]:
-    """Return the state and the command that follow a reference under a constant disturbance of the vehicle.
+def _equivalent_axis(
+    d2: float, d3: float, d4: float, d5: float, d6: float, on_body: Series, on_bob: Series, model: Pendulum
+) -> tuple[float, float, float, float, float]:
+    """Return the derivatives of order 2 … 6 of F on an axis, by equations (3) to (5)."""
+    p, second, fourth, time = model.vehicle, model.second, model.fourth, 1.0 / chain_stiffness(model.physics)
+    size = d2 * d2 + time * (d3 * d3 + time * d4 * d4) + _SMALL
+    square = min(max(-(d2 * d4 + time * (d3 * d5 + time * d4 * d6)) / size, 0.0), _FASTEST / time)  # ω²
+    further = second - fourth * square
+    gain = 1.0 / (1.0 + further * square)
+    f5, f6 = gain * d5, gain * d6
+    f4, f3 = d4 + further * f6, d3 + further * f5
+    f2 = d2 + second * f4 + fourth * f6
+    of_bob = model.pendulum_arm / (p.bob_mass * p.gravity)
+    of_both = model.thrust_arm / ((p.quadrotor_mass + p.bob_mass) * p.gravity)
+    x = times(square, plus(times(of_both, on_body), times(of_bob + of_both, on_bob)))
+    return f2 + x.a, f3 + x.b, f4 + 2.0 * x.c, f5 + 6.0 * x.d, f6 + 24.0 * x.e
+
+
+@inlined
+def follow(reference: Derivatives, constant: Forces, model: Pendulum) -> tuple[VehicleState, Four, Forces]:
+    """Return the state and the command that follow a reference in a constant disturbance and drag, and these forces.
 
     The state has position and velocity relative to the reference. The command is thrust (N) and the torques that
     accelerate the Euler angles (N·m); `body_command` converts it.
     """
-    acting = equivalent_forces(forces, model)
-    path, share = flat_trajectory(equivalent_reference(reference, model), acting, model.physics), model.pivot_share
+    drag = trajectory_drag(reference, model.vehicle, chain_stiffness(model.physics))
+    forces, share = plus_constant(drag, constant), model.pivot_share
+    followed = equivalent_reference(reference, drag, model)
+    path = flat_trajectory(followed, equivalent_forces(forces, model), model.physics)
     pole = Pair(  # s in place of σ
         times(1.0 / (1.0 - share), plus(path.pendulum.x, times(-share, path.tangent.x))),
         times(1.0 / (1.0 - share), plus(path.pendulum.y, times(-share, path.tangent.y))),
     )
     of_pole = FlatTrajectory(pole, vertical_component(pole), path.thrust, path.tangent)
-    return state_and_command(of_pole, reference.yaw, acting.torque, model.physics, model.vehicle.rod_length)
+    state, command = state_and_command(of_pole, reference.yaw, constant.torque, model.physics, model.vehicle.rod_length)
+    return state, command, forces_now(forces, constant)
 
 
 @inlined
@@ -170,7 +213,7 @@ def body_command(
 def _follow(reference: Floats, disturbance: Floats, packed: Floats, state: Floats, command: Floats) -> None:
     model = unpack_pendulum(packed)
     for row in range(state.shape[0]):
-        desired, feedforward = follow(load_reference(reference.T, 0, row), load_forces(disturbance.T, 0, row), model)
+        desired, feedforward, _ = follow(load_reference(reference.T, 0, row), load_forces(disturbance.T, 0, row), model)
         store_vectors(state.T, 0, row, desired)
         store_four(command.T, 0, row, feedforward)
 
@@ -215,7 +258,7 @@ class EquivalentModel:
             thrust_arm = share * height + arm
             second = (pendulum_arm + thrust_arm) / p.gravity
             stiffness = p.gravity * self.parameters.chain_stiffness
-            fourth = second**2 + (ratio * pendulum_arm - thrust_arm) / stiffness
+            fourth = (ratio * pendulum_arm - thrust_arm) / stiffness
         physics = (self.parameters, p)
         self.numbers = Pendulum(*physics, share_of_pivot, pendulum_arm, thrust_arm, second, fourth)
         self.packed = pack(self.numbers)

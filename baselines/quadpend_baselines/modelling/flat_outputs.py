@@ -13,8 +13,7 @@ The term in parentheses is left out, see below. The radial component of r̈ canc
 90°. Equation (1) is solved for s, (2) for t, and (5) for the attitude; six derivatives of F therefore determine the
 torque. All quantities are Taylor series in time (see `taylor`).
 
-Drag −c v, with constant c and the velocity v of quadrotor or bob on the trajectory, is added to d_Q and d_B, with its
-derivatives. v is Ḟ for the bob and Ḟ − (l/g) F⁽³⁾ for the quadrotor.
+d_Q and d_B are constant but for the drag on the trajectory, see `trajectory_drag`.
 
 The equations are exact except for the term l r̈_z in (1), which is left out: the vertical acceleration of the bob
 relative to the quadrotor. It appears because the height z is that of the quadrotor. It is of second order in the tilt
@@ -33,10 +32,13 @@ and zero on circles; including it would require derivatives of F of order above 
 
 from typing import NamedTuple
 
-from quadpend_baselines.modelling.quantities import Derivatives, Forces, VehicleState
+from quadpend_baselines.modelling.quantities import Derivatives, VehicleState
 from quadpend_baselines.modelling.taylor import (
+    Pair,
     Series,
+    Triple,
     arctangent,
+    combined,
     derivative,
     from_derivatives,
     inverse_root,
@@ -49,15 +51,8 @@ from quadpend_baselines.modelling.taylor import (
 )
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.physics.vectors import Four, Vec3, add
+from quadpend_gym.physics.vectors import Four, Vec3
 from quadpend_gym.vehicles import Parameters
-
-
-class Pair(NamedTuple):
-    """The components of a horizontal vector as Taylor series."""
-
-    x: Series
-    y: Series
 
 
 class FlatTrajectory(NamedTuple):
@@ -70,63 +65,28 @@ class FlatTrajectory(NamedTuple):
 
 
 @inlined
-def flat_trajectory(reference: Derivatives, forces: Forces, p: Parameters) -> FlatTrajectory:
-    """Return the trajectory that follows a reference under drag and a constant disturbance, by equations (1)–(4)."""
+def flat_trajectory(reference: Derivatives, forces: tuple[Triple, Triple], p: Parameters) -> FlatTrajectory:
+    """Return the trajectory that follows a reference under forces on quadrotor and bob, by equations (1)–(4)."""
     d2, d3, d4, d5, d6 = reference.d2, reference.d3, reference.d4, reference.d5, reference.d6
-    d_q, d_b, mass, bob_mass, length = forces.force, forces.bob_force, p.quadrotor_mass, p.bob_mass, p.rod_length
-    body, bob = drag_series(reference, p)
+    (body, bob), mass, bob_mass, length = forces, p.quadrotor_mass, p.bob_mass, p.rod_length
     vertical_acceleration = from_derivatives(d2.z, d3.z, d4.z, d5.z, d6.z)
-    still = shift(p.gravity - d_b.z / bob_mass, vertical_acceleration)
-    gravity = plus(still, times(-1.0 / bob_mass, bob[2]))
-    forward = from_derivatives(d2.x - d_b.x / bob_mass, d3.x, d4.x, d5.x, d6.x)
-    sideward = from_derivatives(d2.y - d_b.y / bob_mass, d3.y, d4.y, d5.y, d6.y)
-    s = Pair(
-        quotient(plus(forward, times(-1.0 / bob_mass, bob[0])), gravity),
-        quotient(plus(sideward, times(-1.0 / bob_mass, bob[1])), gravity),
-    )
+    gravity = plus(shift(p.gravity, vertical_acceleration), times(-1.0 / bob_mass, bob.z))
+    forward = plus(from_derivatives(d2.x, d3.x, d4.x, d5.x, d6.x), times(-1.0 / bob_mass, bob.x))
+    sideward = plus(from_derivatives(d2.y, d3.y, d4.y, d5.y, d6.y), times(-1.0 / bob_mass, bob.y))
+    s = Pair(quotient(forward, gravity), quotient(sideward, gravity))
     r_z = vertical_component(s)
     lift = times(mass + bob_mass, shift(p.gravity, vertical_acceleration))
     inner = times(bob_mass * length, derivative(derivative(r_z)))
-    thrust = plus(shift(-d_q.z - d_b.z, plus(lift, inner)), times(-1.0, plus(body[2], bob[2])))
+    thrust = plus(plus(lift, inner), times(-1.0, plus(body.z, bob.z)))
     per_rod = quotient(Series(1.0 / (mass * length), 0.0, 0.0, 0.0, 0.0), r_z)  # 1/(r_z M l)
     stiffness = product(per_rod, thrust)
-    ratio = mass / bob_mass
-    relative = Vec3(ratio * d_b.x - d_q.x, ratio * d_b.y - d_q.y, ratio * d_b.z - d_q.z)
+    relative = combined(mass / bob_mass, bob, -1.0, body)
     closing = times(-2.0, quotient(derivative(r_z), r_z))
-    vertical = shift(relative.z, plus(times(ratio, bob[2]), times(-1.0, body[2])))
-    along_x = shift(relative.x, plus(times(ratio, bob[0]), times(-1.0, body[0])))
-    along_y = shift(relative.y, plus(times(ratio, bob[1]), times(-1.0, body[1])))
     tangent = Pair(
-        _tangent(s.x, along_x, vertical, per_rod, closing, stiffness),
-        _tangent(s.y, along_y, vertical, per_rod, closing, stiffness),
+        _tangent(s.x, relative.x, relative.z, per_rod, closing, stiffness),
+        _tangent(s.y, relative.y, relative.z, per_rod, closing, stiffness),
     )
     return FlatTrajectory(s, r_z, thrust, tangent)
-
-
-@inlined
-def drag_series(reference: Derivatives, p: Parameters) -> tuple[tuple[Series, Series, Series], ...]:
-    """Return the drag of quadrotor and bob on the trajectory along x, y and z, N; that of the quadrotor to order 2."""
-    d1, d2, d3, d4, d5, c = reference.d1, reference.d2, reference.d3, reference.d4, reference.d5, reference.drag
-    arm = p.rod_length / p.gravity
-    body = (
-        times(-c.x, from_derivatives(d1.x - arm * d3.x, d2.x - arm * d4.x, d3.x - arm * d5.x, 0.0, 0.0)),
-        times(-c.x, from_derivatives(d1.y - arm * d3.y, d2.y - arm * d4.y, d3.y - arm * d5.y, 0.0, 0.0)),
-        times(-c.y, from_derivatives(d1.z, d2.z, d3.z, 0.0, 0.0)),
-    )
-    bob = (
-        times(-c.z, from_derivatives(d1.x, d2.x, d3.x, d4.x, d5.x)),
-        times(-c.z, from_derivatives(d1.y, d2.y, d3.y, d4.y, d5.y)),
-        times(-c.z, from_derivatives(d1.z, d2.z, d3.z, d4.z, d5.z)),
-    )
-    return body, bob
-
-
-@inlined
-def with_drag(forces: Forces, reference: Derivatives, p: Parameters) -> Forces:
-    """Return a disturbance with the drag at the velocity of the reference."""
-    (x, y, z), (bob_x, bob_y, bob_z) = drag_series(reference, p)
-    force, bob_force = Vec3(x.a, y.a, z.a), Vec3(bob_x.a, bob_y.a, bob_z.a)
-    return Forces(add(forces.force, force), add(forces.bob_force, bob_force), forces.torque)
 
 
 @inlined

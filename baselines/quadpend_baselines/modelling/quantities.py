@@ -21,7 +21,7 @@ from quadpend_gym.physics.state import (
     TORQUE,
     VELOCITY,
 )
-from quadpend_gym.physics.vectors import Vec3, add, axpy, load, scale, store
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, load, scale, store
 
 
 class VehicleState(NamedTuple):
@@ -46,8 +46,8 @@ class Forces(NamedTuple):
 class Derivatives(NamedTuple):
     """The derivatives of order 2 to 6 of the reference (F_x, F_y, z), (ψ, ψ̇, ψ̈) of the yaw, and what makes drag.
 
-    The drag of the vehicle that follows is −c v: c (N·s/m) is that of the body horizontally and vertically, and that
-    of the pole. Without the velocity of the reference (order 1), both are 0, and drag is a part of the disturbance.
+    Drag is (c, c_z, k_Q, k_B) of `trajectory_drag`, N·s/m and N·s²/m². Without the velocity of the reference (order 1),
+    both are 0, and drag is a part of the disturbance.
     """
 
     d2: Vec3
@@ -57,7 +57,7 @@ class Derivatives(NamedTuple):
     d6: Vec3
     yaw: Vec3
     d1: Vec3
-    drag: Vec3
+    drag: Four
 
 
 REFERENCE_VECTORS = 6  # of `Derivatives` in an array: those before d1
@@ -94,7 +94,6 @@ def load_forces(lanes: Any, first: int, lane: int) -> Forces:
 @inlined
 def load_reference(lanes: Any, first: int, lane: int) -> Derivatives:
     """Return the reference in the 18 fields from `first`: its derivatives by order, and the yaw; without drag."""
-    none = Vec3(0.0, 0.0, 0.0)
     return Derivatives(
         load(lanes, first, lane),
         load(lanes, first + 3, lane),
@@ -102,8 +101,8 @@ def load_reference(lanes: Any, first: int, lane: int) -> Derivatives:
         load(lanes, first + 9, lane),
         load(lanes, first + 12, lane),
         load(lanes, first + 15, lane),
-        none,
-        none,
+        Vec3(0.0, 0.0, 0.0),
+        Four(0.0, 0.0, 0.0, 0.0),
     )
 
 

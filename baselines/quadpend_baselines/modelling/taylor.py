@@ -23,6 +23,21 @@ class Series(NamedTuple):
     e: float
 
 
+class Pair(NamedTuple):
+    """The components of a horizontal vector."""
+
+    x: Series
+    y: Series
+
+
+class Triple(NamedTuple):
+    """The components of a vector."""
+
+    x: Series
+    y: Series
+    z: Series
+
+
 @inlined
 def from_derivatives(value: float, first: float, second: float, third: float, fourth: float) -> Series:
     """Return the series of a function from its derivatives of order 0 … 4."""
@@ -39,6 +54,16 @@ def plus(x: Series, y: Series) -> Series:
 def times(factor: float, x: Series) -> Series:
     """Return the series of a multiple of x."""
     return Series(factor * x.a, factor * x.b, factor * x.c, factor * x.d, factor * x.e)
+
+
+@inlined
+def combined(factor: float, x: Triple, other: float, y: Triple) -> Triple:
+    """Return the sum of multiples of two vectors."""
+    return Triple(
+        plus(times(factor, x.x), times(other, y.x)),
+        plus(times(factor, x.y), times(other, y.y)),
+        plus(times(factor, x.z), times(other, y.z)),
+    )
 
 
 @inlined
