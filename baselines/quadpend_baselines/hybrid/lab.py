@@ -12,7 +12,8 @@ filters of x = (m, u), where u is the last action less its a_d, with x as a line
     (2)  L = e^{−g/τ} L⁻ + (1 − e^{−g/τ}) τ/g (x − x⁻),    τ = 0.03, 0.12, 0.5 and 2 s;   L = 0 at the start
 
 L is about τ ẋ where x changes slowly. From L a network can infer velocities, the response to its actions, mean wind and
-biases of any vehicle; from the filter of `constant_gain` those of the nominal one, near hover, with less noise.
+biases of any vehicle; from the filter of `constant_gain` those of the nominal one, near hover, with less noise. m, its
+L and the innovation are divided by the known noise over `NOISE` where that is above 1.
 
 | part                                                                                     | size | scale              |
 |------------------------------------------------------------------------------------------|------|--------------------|
@@ -207,7 +208,19 @@ def _lab(known: tuple[Simulation, tuple[float, float, float]], seen: Seen, memor
     estimated, after = np.empty((rows, OBSERVED_SIZE)), np.empty((rows, numbers.memory_size))
     observe(numbers, found.y, found.sample, found.reference, u, memory[:, _OWN_MEMORY:], after, estimated)
     near = np.clip(following + np.clip(estimated[:, -ACTION_SIZE:], -_NEAR, _NEAR), -1.0, 1.0)
-    return np.concatenate([out, estimated[:, :-ACTION_SIZE], near], axis=1), np.concatenate([now, after], axis=1)
+    inputs = np.concatenate([out, estimated[:, :-ACTION_SIZE]], axis=1) * _weights(known[1])
+    return np.concatenate([inputs, near], axis=1), np.concatenate([now, after], axis=1)
+
+
+def _weights(noise: tuple[float, float, float]) -> Floats:
+    """Return the factors of the inputs before a_n."""
+    position, euler, direction = (usual / max(known, usual) for known, usual in zip(noise, NOISE, strict=True))
+    weights = np.ones(NEAR.start)
+    weights[:_MEASURED] = [position] * 3 + [direction] * 2 + [euler] * 3
+    for first in range(_LAG, _FOLLOWING, _SIZE):
+        weights[first : first + _MEASURED] = weights[:_MEASURED]
+    weights[NEAR.start - MEASURED_SIZE :] = [position] * 3 + [euler] * 3 + [direction] * 2
+    return weights
 
 
 def lab_part(simulation: Simulation, noise: tuple[float, float, float] = NOISE) -> InputPart:
