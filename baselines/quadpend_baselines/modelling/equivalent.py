@@ -18,11 +18,12 @@ that of ζ + l r. By (1), s and t follow from derivatives of F, so by (2) the de
     (4)  s_f = −d_B/(m g),    t_f = −(d_Q + d_B)/((M + m) g)
 
 for the drags d_Q and d_B on the trajectory. Derivatives of F_d above the highest in the observation, order 6, and those
-of the drag are taken for those of an oscillation: each is −ω² times that two orders lower, with
+of the drag are taken for those of oscillations: each is −Ω times that two orders lower, with the symmetric part of
 
-    (5)  ω² = −Σ F_d⁽ⁱ⁾ F_d⁽ⁱ⁺²⁾ K⁻ⁱ / Σ (F_d⁽ⁱ⁾)² K⁻ⁱ,    i = 2, 3, 4
+    (5)  Ω = −Σ F_d⁽ⁱ⁺²⁾ F_d⁽ⁱ⁾ᵀ K⁻ⁱ (Σ F_d⁽ⁱ⁾ F_d⁽ⁱ⁾ᵀ K⁻ⁱ)⁻¹,    i = 2, 3, 4
 
-on each axis, which is exact for circles and figure eights. For the paper's vehicle λ = l, m' = m and μ = a = b = 0.
+with limited eigenvalues. This is exact for circles and figure eights. For the paper's vehicle λ = l, m' = m and
+μ = a = b = 0.
 
 The functions of `Pendulum` take the numbers of this model. For rigid vehicles `rigid` is their `RigidSettings`; it is
 None for the paper's vehicle.
@@ -60,11 +61,11 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, axpy, load_four, store_four
+from quadpend_gym.physics.vectors import Four, Vec3, axpy, load_four, norm, store_four
 from quadpend_gym.vehicles import Drag, Pole, Vehicle
 
-_SMALL = 1e-4  # m²/s⁴
-_FASTEST = 0.5  # bound of ω²/K
+_SMALL, _LEAST = 1e-9, 1e-3  # of the sums of (5), m²/s⁴ and a share of their trace
+_FASTEST = 0.5  # bound of Ω/K
 
 
 class Pendulum(NamedTuple):
@@ -132,41 +133,75 @@ def _horizontal(body: Series, bob: Series, model: Pendulum) -> tuple[Series, Ser
     return plus(times(p.quadrotor_mass / p.bob_mass, on_bob), times(-kept, relative)), on_bob
 
 
+class Symmetric(NamedTuple):
+    """The matrix [[m + p, q], [q, m − p]]."""
+
+    m: float
+    p: float
+    q: float
+
+
+@inlined
+def _times(matrix: Symmetric, x: float, y: float) -> tuple[float, float]:
+    m, p, q = matrix
+    return (m + p) * x + q * y, q * x + (m - p) * y
+
+
+@inlined
+def _plus_product(v: Vec3, matrix: Symmetric, w: Vec3) -> Vec3:
+    """Return v + matrix w, horizontally."""
+    x, y = _times(matrix, w.x, w.y)
+    return Vec3(v.x + x, v.y + y, v.z)
+
+
+@inlined
+def _oscillations(reference: Derivatives, stiffness: float) -> tuple[Symmetric, float, float]:
+    """Return Ω of equation (5) and its eigenvalues, 1/s²."""
+    d2, d3, d4, d5, d6 = reference.d2, reference.d3, reference.d4, reference.d5, reference.d6
+    u, v = 1.0 / stiffness, 1.0 / (stiffness * stiffness)
+    xx, yy = d2.x * d2.x + u * d3.x * d3.x + v * d4.x * d4.x, d2.y * d2.y + u * d3.y * d3.y + v * d4.y * d4.y
+    xy, least = d2.x * d2.y + u * d3.x * d3.y + v * d4.x * d4.y, _LEAST * (xx + yy) + _SMALL
+    xx, yy = xx + least, yy + least
+    a, b = d4.x * d2.x + u * d5.x * d3.x + v * d6.x * d4.x, d4.x * d2.y + u * d5.x * d3.y + v * d6.x * d4.y
+    c, d = d4.y * d2.x + u * d5.y * d3.x + v * d6.y * d4.x, d4.y * d2.y + u * d5.y * d3.y + v * d6.y * d4.y
+    per = -0.5 / (xx * yy - xy * xy)
+    first, second = per * (a * yy - b * xy), per * (d * xx - c * xy)
+    m, p, q = first + second, first - second, per * (b * xx - a * xy + c * yy - d * xy)
+    apart, most = norm(Vec3(p, q, 0.0)), _FASTEST * stiffness
+    low, high = min(max(m - apart, 0.0), most), min(max(m + apart, 0.0), most)
+    share = 0.5 * (high - low) / max(apart, _SMALL)
+    return Symmetric(0.5 * (low + high), share * p, share * q), low, high
+
+
 @inlined
 def equivalent_reference(reference: Derivatives, drag: tuple[Triple, Triple], model: Pendulum) -> Derivatives:
     """Return the derivatives of F for those of F_d in drag (N), by equation (3)."""
-    d, (body, bob) = reference, drag
-    x = _equivalent_axis(d.d2.x, d.d3.x, d.d4.x, d.d5.x, d.d6.x, body.x, bob.x, model)
-    y = _equivalent_axis(d.d2.y, d.d3.y, d.d4.y, d.d5.y, d.d6.y, body.y, bob.y, model)
+    d, (body, bob), p = reference, drag, model.vehicle
+    second, fourth = model.second, model.fourth
+    square, low, high = _oscillations(reference, chain_stiffness(model.physics))
+    further = Symmetric(second - fourth * square.m, -fourth * square.p, -fourth * square.q)
+    # 1/(1 + c₂ Ω − c₄ Ω²) by its eigenvalues
+    of_low, of_high = 1.0 / (1.0 + low * (second - fourth * low)), 1.0 / (1.0 + high * (second - fourth * high))
+    share = (of_high - of_low) / max(high - low, _SMALL)
+    gain = Symmetric(0.5 * (of_low + of_high), share * square.p, share * square.q)
+    none = Vec3(0.0, 0.0, 0.0)
+    d5, d6 = _plus_product(none, gain, d.d5), _plus_product(none, gain, d.d6)
+    d3, d4 = _plus_product(d.d3, further, d5), _plus_product(d.d4, further, d6)
+    d2 = axpy(fourth, d6, axpy(second, d4, d.d2))
+    of_bob = model.pendulum_arm / (p.bob_mass * p.gravity)
+    of_both = model.thrust_arm / ((p.quadrotor_mass + p.bob_mass) * p.gravity)
+    x = plus(times(of_both, body.x), times(of_bob + of_both, bob.x))
+    y = plus(times(of_both, body.y), times(of_bob + of_both, bob.y))
     return Derivatives(
-        Vec3(x[0], y[0], d.d2.z),
-        Vec3(x[1], y[1], d.d3.z),
-        Vec3(x[2], y[2], d.d4.z),
-        Vec3(x[3], y[3], d.d5.z),
-        Vec3(x[4], y[4], d.d6.z),
+        _plus_product(Vec3(d2.x, d2.y, d.d2.z), square, Vec3(x.a, y.a, 0.0)),
+        _plus_product(d3, square, Vec3(x.b, y.b, 0.0)),
+        _plus_product(d4, square, Vec3(2.0 * x.c, 2.0 * y.c, 0.0)),
+        _plus_product(Vec3(d5.x, d5.y, d.d5.z), square, Vec3(6.0 * x.d, 6.0 * y.d, 0.0)),
+        _plus_product(Vec3(d6.x, d6.y, d.d6.z), square, Vec3(24.0 * x.e, 24.0 * y.e, 0.0)),
         d.yaw,
         d.d1,
         d.drag,
     )
-
-
-@inlined
-def _equivalent_axis(
-    d2: float, d3: float, d4: float, d5: float, d6: float, on_body: Series, on_bob: Series, model: Pendulum
-) -> tuple[float, float, float, float, float]:
-    """Return the derivatives of order 2 … 6 of F on an axis, by equations (3) to (5)."""
-    p, second, fourth, time = model.vehicle, model.second, model.fourth, 1.0 / chain_stiffness(model.physics)
-    size = d2 * d2 + time * (d3 * d3 + time * d4 * d4) + _SMALL
-    square = min(max(-(d2 * d4 + time * (d3 * d5 + time * d4 * d6)) / size, 0.0), _FASTEST / time)  # ω²
-    further = second - fourth * square
-    gain = 1.0 / (1.0 + further * square)
-    f5, f6 = gain * d5, gain * d6
-    f4, f3 = d4 + further * f6, d3 + further * f5
-    f2 = d2 + second * f4 + fourth * f6
-    of_bob = model.pendulum_arm / (p.bob_mass * p.gravity)
-    of_both = model.thrust_arm / ((p.quadrotor_mass + p.bob_mass) * p.gravity)
-    x = times(square, plus(times(of_both, on_body), times(of_bob + of_both, on_bob)))
-    return f2 + x.a, f3 + x.b, f4 + 2.0 * x.c, f5 + 6.0 * x.d, f6 + 24.0 * x.e
 
 
 @inlined
