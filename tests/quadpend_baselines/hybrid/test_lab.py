@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 
 from quadpend_baselines.hybrid import LabOnly, VectorHybridWrapper
-from quadpend_baselines.hybrid.lab import NEAR, OUTPUT
+from quadpend_baselines.hybrid.constant_gain import NOISE
+from quadpend_baselines.hybrid.lab import NEAR, OUTPUT, lab_part
+from quadpend_baselines.hybrid.parts import Seen
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.tasks.observation import LAB
 
 SCENARIO = replace(find_scenario("flight_training_motion"), sensors=())
 POSITION, DIRECTION, ORIENTATION = (LAB.columns[name] for name in ("position", "direction", "quaternion"))
-LAGS, SINCE = np.r_[tuple(slice(12 * j, 12 * j + 8) for j in range(1, 6))], 83  # the lags of m
+LAGS, SINCE = np.r_[tuple(slice(12 * j, 12 * j + 8) for j in range(1, 5))], 71  # the lags of m
 
 
 def seen_in(observations: Any) -> Any:
-    """Return the inputs for observations in turn, shape (steps, n, 126), while zero actions are applied."""
+    """Return the inputs for observations in turn, shape (steps, n, 114), while zero actions are applied."""
     hybrid, memory, out = LabOnly().flown_in(SCENARIO.simulation), None, []
     for step, observation in enumerate(observations):
         seen, memory = hybrid.observe(observation, memory, np.full(len(observation), step == 0))
@@ -68,6 +70,15 @@ def test_samples_that_repeat_or_lie_far_away_are_not_taken(flown: Any) -> None:
         np.testing.assert_allclose(
             seen[8, :, LAGS], expected[8, :, LAGS], atol=0.1 * np.abs(expected[8, :, LAGS]).max()
         )
+
+
+def test_measurements_count_less_the_noisier_they_are(flown: Any) -> None:
+    seen = Seen(flown[0], np.zeros((1, 4), np.float32), *[np.zeros((1, 4))] * 3)
+    usual, noisy = (lab_part(SCENARIO.simulation, noise) for noise in (NOISE, (4.0 * NOISE[0], *NOISE[1:])))
+    memory = np.zeros((1, usual.memory_size))
+    (first, _), (second, _) = (part.function(part.numbers, seen, memory) for part in (usual, noisy))
+    np.testing.assert_allclose(second[:, :3], 0.25 * first[:, :3])
+    np.testing.assert_array_equal(second[:, 3:8], first[:, 3:8])
 
 
 def test_the_linear_feedback_is_added(flown: Any) -> None:
