@@ -215,12 +215,10 @@ def _lab(known: tuple[Simulation, tuple[float, float, float]], seen: Seen, memor
 def _weights(noise: tuple[float, float, float]) -> Floats:
     """Return the factors of the inputs before a_n."""
     position, euler, direction = (usual / max(known, usual) for known, usual in zip(noise, NOISE, strict=True))
-    weights = np.ones(NEAR.start)
-    weights[:_MEASURED] = [position] * 3 + [direction] * 2 + [euler] * 3
-    for first in range(_LAG, _FOLLOWING, _SIZE):
-        weights[first : first + _MEASURED] = weights[:_MEASURED]
-    weights[NEAR.start - MEASURED_SIZE :] = [position] * 3 + [euler] * 3 + [direction] * 2
-    return weights
+    of_x = [position] * 3 + [direction] * 2 + [euler] * 3 + [1.0] * ACTION_SIZE
+    of_innovation = [position] * 3 + [euler] * 3 + [direction] * 2
+    others = np.ones(NEAR.start - MEASURED_SIZE - _FOLLOWING)
+    return np.concatenate([np.tile(of_x, 1 + len(_TIMES)), others, of_innovation])
 
 
 def lab_part(simulation: Simulation, noise: tuple[float, float, float] = NOISE) -> InputPart:

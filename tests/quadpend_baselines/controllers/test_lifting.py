@@ -20,7 +20,7 @@ from quadpend_gym import Simulation
 from quadpend_gym.engines import lift, vector
 from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import State
-from quadpend_gym.physics.vectors import Vec3
+from quadpend_gym.physics.vectors import Four, Vec3
 from tests.helpers.controllers import true_estimate
 
 SIMULATIONS = {"paper": Simulation(), "hummingbird": Simulation(vehicle="hummingbird", interface="body_rates")}
@@ -39,8 +39,11 @@ def test_a_law_in_casadi_is_the_compiled_one(law: str, name: str) -> None:
     gains, model = gains_for(law, simulation), equivalent_model(simulation).numbers
     rigid = make_rigid_settings(simulation) if name == "hummingbird" else None
     state, wind = ca.SX.sym("state", 18), ca.SX.sym("wind", 9)
-    reference, memory = ca.SX.sym("reference", 24), ca.SX.sym("memory", 3)
-    inputs = vectors(VehicleState, state), vectors(Forces, wind), vectors(Derivatives, reference)
+    reference, memory = ca.SX.sym("reference", 25), ca.SX.sym("memory", 3)
+    wanted = Derivatives(
+        *(Vec3(*ca.vertsplit(part)) for part in ca.vertsplit(reference[:21], 3)), Four(*ca.vertsplit(reference[21:]))
+    )
+    inputs = vectors(VehicleState, state), vectors(Forces, wind), wanted
     controller: Any = {"flatness": Flatness, "lqi": Lqr, "dual-mode": DualMode}[law](gains, simulation)
     packed, _ = controller._numbers
     if law == "flatness":

@@ -178,14 +178,17 @@ def test_gain_converges_to_that_of_the_steady_kalman_filter_and_is_stable(
 
 
 def test_rates_that_are_not_measured_begin_with_those_of_a_start_on_the_reference() -> None:
-    """With a pole of inertia, those of a point mass in its centre of mass are off by 0.8 mm/s and 1.4 mrad/s."""
+    """With a pole of inertia, those of a point mass in its centre of mass are off by 0.8 mm/s and 1.4 mrad/s.
+
+    The start of the environment takes derivatives of the reference above order 6 for 0: 0.02 mm/s and 0.04 mrad/s here.
+    """
     simulation, task = Simulation(vehicle="hummingbird"), Task(start=StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     env = make_vec(20, simulation, task=task)
     observation, _ = env.reset(seed=2)
     start = State(measurement_from_observation(observation, simulation.parameters.rod_length).state)
     begun = State(Estimator(FAST, simulation, OUTPUTS).observe(observation[:, OUTPUT_FEEDBACK_COLUMNS]).state)
-    assert_allclose(begun.velocity, start.velocity, atol=1e-5)
-    assert_allclose(begun.direction_rate, start.direction_rate, atol=1e-5)
+    assert_allclose(begun.velocity, start.velocity, atol=3e-5)
+    assert_allclose(begun.direction_rate, start.direction_rate, atol=5e-5)
 
 
 def test_observation_of_an_estimate_inverts_measurement_from_observation() -> None:
