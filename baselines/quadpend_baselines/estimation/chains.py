@@ -74,7 +74,7 @@ def make_measurement(
 
 @inlined
 def _offset(second: Vec3, fourth: Vec3, model: Pendulum) -> Vec3:
-    """Return F − F_d of the wanted F, or its rate, from two of its derivatives, m."""
+    """Return F − F_d of the wanted F without drag, or its rate, from two of its derivatives, m."""
     return axpy(model.second, second, scale(model.fourth, fourth))
 
 

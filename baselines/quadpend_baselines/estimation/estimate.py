@@ -16,7 +16,7 @@ An estimate is a flat vector with this layout (`Estimate` names its parts):
 | 82–84  | `anchor`      | the place of the reference when the episode began, m                                       |
 | 85–86  | `pole`        | believed length l (m) and mass (kg) of the pole, less the nominal ones                     |
 | 87–98  |               | the latest sample, and counts of others, see `samples`                                     |
-| 99–105 | `drag`        | velocity (m/s) and coefficients (N·s/m) of the drag at the reference, see `Derivatives`     |
+| 99–105 | `drag`        | velocity of the reference (m/s) and coefficients of the drag there, see `Derivatives`       |
 | 106–   |               | memory of the known loop, see `loop.act`; with a latency that is not a whole number of     |
 |        |               | periods then the action before                                                             |
 

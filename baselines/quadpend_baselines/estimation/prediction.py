@@ -181,7 +181,7 @@ def add_reference_drag(memory: Any, lane: int, loop: LoopNumbers, rigid: RigidSe
     """Add to the forces of an estimate the drag that the velocity of the reference adds to that of the relative one.
 
     Networks know no velocity but the relative one, and take the drag of the reference for wind. Laws know it, see
-    `modelling.flat_outputs`.
+    `modelling.trajectory_drag`.
     """
     plant, state, d1 = loop.plant, load_state(memory, STATE, lane), load(memory, PLACE + 3, lane)
     v = scale(-1.0, state.velocity)

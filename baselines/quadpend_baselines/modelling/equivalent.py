@@ -22,8 +22,9 @@ of the drag are taken for those of oscillations: each is −Ω times that two or
 
     (5)  Ω = −Σ F_d⁽ⁱ⁺²⁾ F_d⁽ⁱ⁾ᵀ K⁻ⁱ (Σ F_d⁽ⁱ⁾ F_d⁽ⁱ⁾ᵀ K⁻ⁱ)⁻¹,    i = 2, 3, 4
 
-with limited eigenvalues. This is exact for circles and figure eights. For the paper's vehicle λ = l, m' = m and
-μ = a = b = 0.
+with limited eigenvalues; `_LEAST` keeps the inverse finite. But for `_LEAST` this is exact for F_d on circles and
+figure eights, and for the drag on circles. Derivatives of the drag are left out of (4). For the paper's vehicle λ = l,
+m' = m and μ = a = b = 0.
 
 The functions of `Pendulum` take the numbers of this model. For rigid vehicles `rigid` is their `RigidSettings`; it is
 None for the paper's vehicle.

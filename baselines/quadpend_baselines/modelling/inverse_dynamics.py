@@ -3,7 +3,8 @@
 With the body rate ω = E(η) η̇, equation (3) of `quadpend_gym.physics.attitude`, ω̇ = E η̈ + Ė η̇. By the equations of
 `quadpend_gym.physics.rigid_body`, ω̇ = ω̇₀ + G τ depends linearly on the torques, and the three columns of G follow from
 evaluations with unit torques. So the gyroscopic torque, the force of the pole at its pivot, the angular drag and all
-products of inertia are taken into account. The drag of the rotors and the gyroscopics of the propellers are left out.
+products of inertia are taken into account. Other drag counts as far as the given forces contain it; the gyroscopics of
+the propellers are left out.
 """
 
 from quadpend_baselines.modelling.quantities import Forces, VehicleState

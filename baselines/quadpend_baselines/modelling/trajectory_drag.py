@@ -1,14 +1,16 @@
 """The drag of a vehicle that follows a reference, as Taylor series.
 
-That of the pole acts on its centre of mass, whose velocity is v_B = Ḟ_d. That of the body is quadratic, and of the
-rotors, which depends on the thrust axis b:
+That of the pole acts on its centre of mass, whose velocity is v_B = Ḟ_d. That of the body is quadratic; the rotors add
+a linear one, which depends on the thrust axis b:
 
     (1)  d_B = −k_B |v_B| v_B
     (2)  d_Q = −(k_Q |v_Q| + c) v_Q − (c_z − c) (b · v_Q) b,      v_Q = Ḟ_d − l ṡ,   s = (F̈_d − d_B/m)/g
     (3)  b = (t, 1)/√(1 + |t|²),                                  t = s − s̈/K + (M/m d_B − d_Q)/((M + m) g)
 
-c and c_z are the coefficients of the rotors across and along b. In (3), d_Q is without its last term. Of |v| the first
-derivative is taken into account, and in s and t no vertical acceleration. d_Q is known to order 2, d_B to order 4.
+M, m and l are those of the vehicle, K is that of `equivalent`, k_Q and k_B are ρ/2 times the drag areas of body and
+pole, c and c_z the coefficients of the rotors across and along b. In (3), d_Q is without its last term. Of |v| the
+first derivative is taken into account, and in s and t no vertical acceleration. But for these, d_Q is right to order 2,
+and d_B to order 4.
 """
 
 import numpy as np
@@ -96,6 +98,6 @@ def plus_constant(forces: tuple[Triple, Triple], constant: Forces) -> tuple[Trip
 
 @inlined
 def forces_now(forces: tuple[Triple, Triple], constant: Forces) -> Forces:
-    """Return the forces at the start of series of those on quadrotor and bob, and the torque of a constant one."""
+    """Return the present forces of series of those on quadrotor and bob, N, and the torque of the constant ones."""
     body, bob = forces
     return Forces(Vec3(body.x.a, body.y.a, body.z.a), Vec3(bob.x.a, bob.y.a, bob.z.a), constant.torque)
