@@ -29,12 +29,14 @@ _HAND = 20.0, 0.5  # stiffness and damping at the pole's top, N/m and N·s/m
 _PUSH, _PUSHED = 0.5, 0.3  # N along x, and for how long, s
 _OUTLIER = 1.0  # m
 
-_SAID = {  # of a key that is switched off, and on
+_SAID = {  # of a key: when it is switched off, and on
     "b": ("the hand lets the body go", "the hand takes body and pole"),
     "p": ("the hand lets the pole go", "the hand takes the pole"),
     "d": ("samples come", "no samples"),
     "z": ("samples are new", "samples are frozen"),
     "l": ("the link answers", "the link is silent"),
+    "w": ("a push",),
+    "o": ("one sample is 1 m off",),
 }
 HELP = (
     "b the hand lets go or takes the body   p the pole   w push   samples: d none, z frozen, o one outlier"
@@ -108,7 +110,7 @@ class Desk:
             top = self.simulation.vehicle.pole.full_length
             self._hand.place = state.position[:2] + top * state.direction[:2]
             self._hand.has_pole = self.switches[key]
-        return _SAID[key][self.switches[key]] if key in _SAID else ""
+        return _SAID[key][self.switches.get(key, False)] if key in _SAID else ""
 
     def step(self, action: Floats) -> str:
         """Advance by `PERIOD` under an action, shape (4,), which is clipped; return how it fell, or nothing."""
