@@ -43,7 +43,7 @@ from quadpend_train.reports import html_page
 
 FOLDER = Path(__file__).with_name("flying")
 PAGE = Path(__file__).parents[1] / "flying.html"
-LIMITS = [Path(__file__).parents[1] / "flight" / name for name in ("limits.csv", "limits-lab.csv")]  # data sheets
+LIMITS = Path(__file__).parents[1] / "flight" / "limits.csv"  # data sheets
 DESIGN = replace(SCENARIOS["flight_breeze"], observation=LAB)  # the scenario for which the policies are designed
 # Policies, with their names in the data sheets. The page begins with the first two.
 POLICIES = {
@@ -205,7 +205,7 @@ def loops() -> list[list[float]]:
 def _page_data() -> dict[str, Any]:
     simulation, limits, shape = DESIGN.simulation, DESIGN.task.limits, shape_of(DESIGN.vehicle)
     (wind,), parameters = DESIGN.wind, simulation.parameters
-    rows = [row for path in LIMITS for row in csv.DictReader(path.read_text(encoding="utf-8").splitlines())]
+    rows = [*csv.DictReader(LIMITS.read_text(encoding="utf-8").splitlines())]
     found = {(row["policy"], row["event"]): float(row["limit"]) for row in rows}
     units = {row["event"]: {"unit": row["unit"], "everyday": float(row["everyday"])} for row in rows}
     hand = next(model for model in SCENARIOS["event_catch"].wind if isinstance(model, Hold))
