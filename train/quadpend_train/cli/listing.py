@@ -1,9 +1,7 @@
 """The command `list`: the names that the other commands take, with a line about each of them."""
 
 import inspect
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
 from itertools import takewhile
 from typing import Any, Literal
 
@@ -11,11 +9,11 @@ import tyro
 
 from quadpend_baselines.gains import DESCRIPTIONS
 from quadpend_gym import actuators, sensors, wind
-from quadpend_gym.core.settings import declared
 from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_gym.tasks.task import ENVIRONMENTS, TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES, Pole, Vehicle
 from quadpend_gym.vehicles.vehicle import as_vehicle
+from quadpend_train.common.vehicle_toml import vehicle_toml
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import PRESETS
@@ -32,7 +30,7 @@ def list_names(tables: tyro.conf.Positional[tuple[Table, ...]] = (), vehicle: st
         vehicle: Vehicle to print as a TOML file, from which to begin one of your own, in place of tables.
     """
     if vehicle is not None:
-        print(_file(as_vehicle(vehicle)), end="")
+        print(vehicle_toml(as_vehicle(vehicle), {}), end="")
         return
     for table in tables or TABLES:
         rows = TABLES[table]()
@@ -89,19 +87,6 @@ def _vehicle(vehicle: Vehicle) -> str:
     pole = next(name for name, known in POLES.items() if known == vehicle.pole)
     model = "the paper's attitude model" if vehicle.rotors is None else "four rotors"
     return f"{1e3 * vehicle.mass:g} g, pole {pole}, {model}"
-
-
-def _file(part: Any, table: str = "") -> str:
-    """Return a vehicle, or the table of a part of it, as in the file of a vehicle, with units."""
-    values = {each.name: getattr(part, each.name) for each in fields(part) if each.name != "name"}
-    units = {name: f"  # {item.unit}" for name, _, item in declared(type(part)) if item.unit}
-    lines = [f"\n[{table}]"] * bool(table)
-    lines += [
-        f"{name} = {json.dumps(value)}{units.get(name, '')}"
-        for name, value in values.items()
-        if value is not None and not is_dataclass(value)
-    ]
-    return "\n".join(lines) + "\n" + "".join(_file(each, name) for name, each in values.items() if is_dataclass(each))
 
 
 def _pole(pole: Pole) -> str:

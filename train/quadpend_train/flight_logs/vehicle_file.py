@@ -15,7 +15,8 @@ from quadpend_gym import scenarios
 from quadpend_gym.core.files import read_toml
 from quadpend_gym.vehicles import Vehicle, rotors_of
 from quadpend_train.common.files import write_text
-from quadpend_train.flight_logs.identify import COMMANDS, POLE, QUANTITIES, Estimate, Found
+from quadpend_train.common.vehicle_toml import vehicle_toml
+from quadpend_train.flight_logs.identify import COMMANDS, QUANTITIES, Estimate, Found
 from quadpend_train.flight_logs.log import NOMINAL
 
 _UNKNOWN = 0.3  # half width of the range of what the logs do not show, as a share
@@ -36,43 +37,29 @@ def write_vehicle(found: Found, start: Vehicle, path: Path) -> Path:
 
 def vehicle_text(found: Found, start: Vehicle) -> str:
     """Return the vehicle as TOML, with the source of each number on its line."""
-    vehicle, estimates, thrust = found.vehicle, found.estimates, found.thrust
-    rotors, pole, loop, drag = rotors_of(vehicle), vehicle.pole, vehicle.rate_loop, vehicle.drag
+    estimates, thrust = found.estimates, found.thrust
     logs, given = ", ".join(log.name for log in found.fitted), f"as {start.name}"
 
     def source(*names: str) -> str:
         return "; ".join(_interval(estimates[name]) for name in names)
 
-    inertia = np.diag(vehicle.inertia_matrix).tolist()
-    extent = f", extent = {pole.extent:g}" if pole.extent else ""
-    rows: list[tuple[str, Any, str]] = [
-        ("mass", vehicle.mass, given),
-        ("inertia", inertia, f"{source('inertia_roll', 'inertia_pitch')}; yaw: its ratio to the sum of both {given}"),
-        ("gravity", vehicle.gravity, given),
-        ("pivot", vehicle.pivot, given),
-        (
-            "pole",
-            f"{{mass = {pole.mass:g}, length = {pole.length:g}, inertia = {pole.inertia:g},"
-            f" drag_area = {pole.drag_area:g}{extent}}}",
-            f"{source(*POLE)}; mass and J/(m l²) {given}" if POLE[0] in estimates else given,
-        ),
-        ("[rotors]", None, ""),
-        ("positions", rotors.positions, f"{given}; centre of mass: {source('centre_x', 'centre_y')}"),
-        ("spins", rotors.spins, given),
-        ("thrust", rotors.thrust, f"{given}, unless the logs have lower or higher ones"),
-        ("torque_per_thrust", rotors.torque_per_thrust, f"{source('torque_per_thrust')}; with the yaw inertia above"),
-        ("lag_up", rotors.lag_up, source("lag")),
-        ("inertia", rotors.inertia, f"{source('rotor_inertia')}; with the yaw inertia above"),
-        ("thrust_coefficient", rotors.thrust_coefficient, source("thrust_coefficient")),
-        ("[drag]", None, ""),
-        ("rotor", drag.rotor, source("drag_x", "drag_y", "drag_z")),
-        ("height", drag.height, source("drag_height")),
-        ("angular", drag.angular, source("angular_drag", "angular_drag_yaw")),
-        ("[rate_loop]", None, ""),
-        ("time_constant", loop.time_constant, f"{given}, but at least half the rotors' lag"),
-        ("roll_pitch", loop.roll_pitch, given),
-        ("yaw", loop.yaw, given),
-    ]
+    unchanged = ("mass", "gravity", "pivot", "pole.mass", "rotors.spins", "rate_loop.roll_pitch", "rate_loop.yaw")
+    comments = dict.fromkeys(unchanged, given) | {
+        "inertia": f"{source('inertia_roll', 'inertia_pitch')}; yaw: its ratio to the sum of both {given}",
+        "pole.length": source("pole_length") if "pole_length" in estimates else given,
+        "pole.drag_area": source("pole_drag_area") if "pole_drag_area" in estimates else given,
+        "pole.inertia": f"J/(m l²) {given}",
+        "rotors.positions": f"{given}; centre of mass: {source('centre_x', 'centre_y')}",
+        "rotors.thrust": f"{given}, unless the logs have lower or higher ones",
+        "rotors.torque_per_thrust": f"{source('torque_per_thrust')}; with the yaw inertia above",
+        "rotors.lag_up": source("lag"),
+        "rotors.inertia": f"{source('rotor_inertia')}; with the yaw inertia above",
+        "rotors.thrust_coefficient": source("thrust_coefficient"),
+        "drag.rotor": source("drag_x", "drag_y", "drag_z"),
+        "drag.height": source("drag_height"),
+        "drag.angular": source("angular_drag", "angular_drag_yaw"),
+        "rate_loop.time_constant": f"{given}, but at least half the rotors' lag",
+    }
     lines = [f"# Identified from {logs} with the mass and geometry of {start.name}. Intervals: 95 %."]
     lines += [f"# {sentence}." for sentence in found.sentences()]
     if found.fitted[0].is_command:
@@ -81,12 +68,7 @@ def vehicle_text(found: Found, start: Vehicle) -> str:
             f"# Thrust, N, by command u and voltage V: {k} ((1 − {share}) u² + {share} u) (V/{NOMINAL:g})^{exponent}"
         )
         lines.append(f"# {source('thrust_coefficient', *COMMANDS)}")
-    for name, value, text in rows:
-        if value is None:
-            lines += [name] if name.startswith("[") else []
-        else:
-            lines.append(f"{name} = {_plain(value)}  # {text}")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, vehicle_toml(found.vehicle, comments, _plain)])
 
 
 def training_text(found: Found, start: Vehicle, path: Path) -> str:
@@ -146,8 +128,8 @@ def _interval(estimate: Estimate) -> str:
 
 def _plain(value: Any) -> str:
     if isinstance(value, str):
-        return value
-    return f"[{', '.join(map(_plain, value))}]" if isinstance(value, list | tuple) else f"{value:.5g}"
+        return json.dumps(value)
+    return f"[{', '.join(map(_plain, value))}]" if isinstance(value, list | tuple) else f"{value:g}"
 
 
 def _inline(value: Any) -> str:
