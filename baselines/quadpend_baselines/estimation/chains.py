@@ -22,7 +22,7 @@ from quadpend_baselines.modelling.equivalent import (
 )
 from quadpend_baselines.modelling.flat_outputs import coefficients, euler_accelerations, tangent_from_attitude
 from quadpend_baselines.modelling.quantities import Derivatives, VehicleState, bob_offset, divide, minus, turn3
-from quadpend_baselines.modelling.trajectory_drag import trajectory_drag
+from quadpend_baselines.modelling.trajectory_drag import no_drag
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.rigid_settings import RigidSettings
@@ -66,8 +66,7 @@ def make_measurement(
         s, t = direction, turn3(Vec3(euler.y, -euler.x, 0.0), sine, cosine)
     else:
         s, t = divide(direction, max(direction.z, _LEAST_VERTICAL)), divide(b, max(b.z, _LEAST_VERTICAL))
-    drag = trajectory_drag(reference, model.vehicle, chain_stiffness(model.physics))
-    wanted = equivalent_reference(reference, drag, model)
+    wanted = equivalent_reference(reference, no_drag(), model)
     output = minus(flat_output(error, s, t, model), _offset(wanted.d2, wanted.d4, model))
     return AdrcMeasurement(Vec3(output.x, output.y, error.z), direction, s, t, b, yaw, euler.z, wanted)
 

@@ -35,6 +35,13 @@ _STILL = 1e-3  # m/s, below which the rate of |v| is less
 
 
 @inlined
+def no_drag() -> tuple[Triple, Triple]:
+    """Return the drag of a law that takes it for a disturbance."""
+    zero = Series(0.0, 0.0, 0.0, 0.0, 0.0)
+    return Triple(zero, zero, zero), Triple(zero, zero, zero)
+
+
+@inlined
 def trajectory_drag(reference: Derivatives, p: Parameters, stiffness: float) -> tuple[Triple, Triple]:
     """Return d_Q and d_B of equations (1) and (2), N, for the parameters of the vehicle and K (1/s²)."""
     d1, d2, d3, d4, d5, d6 = reference.d1, reference.d2, reference.d3, reference.d4, reference.d5, reference.d6
