@@ -29,6 +29,7 @@ L and the innovation are divided by the known noise over `NOISE` where that is a
 | a_n = a_d − F z_N, each component of F z_N within ±0.3 and of a_n within ±1              | 4    | 1                  |
 """
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -212,6 +213,7 @@ def _lab(known: tuple[Simulation, tuple[float, float, float]], seen: Seen, memor
     return np.concatenate([inputs, near], axis=1), np.concatenate([now, after], axis=1)
 
 
+@lru_cache(maxsize=16)
 def _weights(noise: tuple[float, float, float]) -> Floats:
     """Return the factors of the inputs before a_n."""
     position, euler, direction = (usual / max(known, usual) for known, usual in zip(noise, NOISE, strict=True))

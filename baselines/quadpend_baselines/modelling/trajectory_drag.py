@@ -45,22 +45,22 @@ def no_drag() -> tuple[Triple, Triple]:
 def trajectory_drag(reference: Derivatives, p: Parameters, stiffness: float) -> tuple[Triple, Triple]:
     """Return d_Q and d_B of equations (1) and (2), N, for the parameters of the vehicle and K (1/s²)."""
     d1, d2, d3, d4, d5, d6 = reference.d1, reference.d2, reference.d3, reference.d4, reference.d5, reference.d6
-    drag = reference.drag
+    across, along_axis, of_body, of_bob = reference.drag
     bob = Triple(
         from_derivatives(d1.x, d2.x, d3.x, d4.x, d5.x),
         from_derivatives(d1.y, d2.y, d3.y, d4.y, d5.y),
         from_derivatives(d1.z, d2.z, d3.z, d4.z, d5.z),
     )
-    on_bob = _resisted(times(drag.d, _speed(bob)), bob)
+    on_bob = _resisted(times(of_bob, _speed(bob)), bob)
     s_x = _lean(from_derivatives(d2.x, d3.x, d4.x, d5.x, d6.x), on_bob.x, p)
     s_y = _lean(from_derivatives(d2.y, d3.y, d4.y, d5.y, d6.y), on_bob.y, p)
     body = Triple(
         plus(bob.x, times(-p.rod_length, derivative(s_x))), plus(bob.y, times(-p.rod_length, derivative(s_y))), bob.z
     )
-    on_body = _resisted(shift(drag.a, times(drag.c, _speed(body))), body)
+    on_body = _resisted(shift(across, times(of_body, _speed(body))), body)
     x, y = _tilt(s_x, on_body.x, on_bob.x, p, stiffness), _tilt(s_y, on_body.y, on_bob.y, p, stiffness)
     along = plus(plus(product(x, body.x), product(y, body.y)), body.z)
-    along = times(drag.a - drag.b, quotient(along, shift(1.0, plus(product(x, x), product(y, y)))))
+    along = times(across - along_axis, quotient(along, shift(1.0, plus(product(x, x), product(y, y)))))
     on_body = Triple(plus(on_body.x, product(along, x)), plus(on_body.y, product(along, y)), plus(on_body.z, along))
     return on_body, on_bob
 
