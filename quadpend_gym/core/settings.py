@@ -84,7 +84,7 @@ def _noun(schema: Any) -> str:
     if kind == "tuple":
         count = "" if "variadic_item_index" in schema else f"{len(schema['items_schema'])} "
         inner = _noun(schema["items_schema"][0])
-        return f"{count}times {inner}" if inner.endswith("s") else f"{count}{inner.removeprefix('a ')}s"
+        return f"{count}rows of {inner}" if inner.endswith("s") else f"{count}{inner.removeprefix('a ')}s"
     if kind == "union":
         return " or ".join(map(_noun, schema["choices"]))
     if kind in _PARTS:
@@ -165,9 +165,12 @@ def _sentence(kind: Any, error: ErrorDetails) -> str:
     value, what = error["input"], error["msg"].replace("Input should", "must", 1)
     if error["type"] in ("unexpected_keyword_argument", "unexpected_positional_argument"):
         owner, _, name = path.rpartition(".")
-        known = _fields_at(kind, owner.split(".")[1:])
+        places = owner.split(".")[1:]
+        known = _fields_at(kind, places)
+        nested = [f"{part}.{name}" for part in known if name in _fields_at(kind, [*places, part])]
+        hint = f" (did you mean {nested[0]!r}?)" if nested else suggest(name, known)
         listed = f"; its fields are {', '.join(known)}" if known else ""
-        return f"{owner} has no field {name!r}{suggest(name, known)}{listed}"
+        return f"{owner} has no field {name!r}{hint}{listed}"
     if error["type"] in ("missing", "missing_argument"):
         owner, _, name = path.rpartition(".")
         return f"{owner} lacks the field {name!r}"

@@ -46,8 +46,8 @@ def raise_step_error(code: int, action: Floats32, wind: Floats, action_name: str
         raise ValueError(f"wind must be finite numbers below 1e20, not {wind[row].tolist()} in sub-environment {row}")
     owner = "" if len(action) == 1 else f" of sub-environment {code}"
     raise ValueError(
-        f"{action_name}{owner} must be four numbers in [-1, 1], not {action[code].tolist()}: thrust and torques divided"
-        " by their scales; gymnasium.wrappers.ClipAction clips the actions of an agent"
+        f"{action_name}{owner} must be four numbers in [-1, 1], not {action[code].tolist()};"
+        f" gymnasium.wrappers.{'vector.' if owner else ''}ClipAction clips the actions of an agent"
     )
 
 

@@ -60,9 +60,8 @@ def _parameter(name: str, value: Any, count: int) -> Floats:
     limits = look_up({field: limits for field, _, limits in declared(ParameterRanges)}, name, "parameter")
     array = _numbers(value)
     if array.shape not in {(), (count,)} or not ((limits.low <= array) & (array <= limits.high)).all():
-        raise ValueError(
-            f"options['parameters'][{name!r}] must be a number {limits}, or {count} of them, not {plain(value)!r}"
-        )
+        several = f", or {count} of them" if count > 1 else ""
+        raise ValueError(f"options['parameters'][{name!r}] must be a number {limits}{several}, not {plain(value)!r}")
     return array
 
 

@@ -145,7 +145,9 @@ def _evaluate_reference(numbers: Floats, time: Floats, out: Floats) -> None:
 
 
 def _with_yaw(point: Any) -> Any:
-    return (*point, 0.0) if isinstance(point, tuple) and len(point) == CHANNELS - 1 else point
+    if not isinstance(point, tuple) or len(point) not in (CHANNELS - 1, CHANNELS):
+        raise ValueError(f"each of the points must be (x, y, z) or (x, y, z, yaw) in m and rad, not {point!r}")
+    return (*point, 0.0)[:CHANNELS]
 
 
 Point = Annotated[tuple[float, float, float, float], BeforeValidator(_with_yaw)]
@@ -299,9 +301,11 @@ def as_trajectory(value: Any, name: str) -> Trajectory:
 
     Error messages call it `name`.
     """
-    if isinstance(value, Waypoints):
+    if isinstance(value, Trajectory):
         return value
-    if not (isinstance(value, Mapping) and "kind" in value):
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} must be a Reference, Waypoints or a mapping of the fields of either, not {value!r}")
+    if "kind" not in value:
         return parse(Reference, value, name)
     return parse(look_up(KINDS, value["kind"], f"{name} of the kind"), value, name)
 

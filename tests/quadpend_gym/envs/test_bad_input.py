@@ -28,10 +28,10 @@ BAD_OPTIONS: dict[str, tuple[Any, str]] = {
     "bad after good": ({"state": {"position": (9, 9, 9), "euler": NAN}}, "'euler'"),
     "text": ({"state": {"position": "high"}}, "'position'.* not 'high'"),
     "not a mapping": ({"state": np.zeros(18)}, "'state'.* must be a mapping"),
-    "reference": ({"reference": "circle"}, "reference must be"),
+    "reference": ({"reference": "circle"}, "reference must be a Reference, Waypoints or a mapping"),
     "unknown parameter": ({"parameters": {"mass": 1.0}}, "no parameter .mass.*; there are quadrotor_mass"),
     "a truth value": ({"parameters": {"bob_mass": True}}, r"'bob_mass'.* a number from .* not True"),
-    "negative mass": ({"parameters": {"bob_mass": -1.0}}, r"'bob_mass'.* a number from 1e-10 to 10000 kg, .* not -1.0"),
+    "negative mass": ({"parameters": {"bob_mass": -1.0}}, r"'bob_mass'.* a number from 1e-10 to 10000 kg.*, not -1.0"),
 }
 BAD_MASKS: dict[str, tuple[Any, str]] = {
     "wrong type": ([1, 0, 1], "'reset_mask'.* boolean array"),
@@ -41,6 +41,7 @@ BAD_MASKS: dict[str, tuple[Any, str]] = {
 BAD_ARGUMENTS: dict[str, tuple[dict[str, Any], str]] = {
     "unknown task": ({"task": "swim"}, "no task 'swim'; there are track, hover"),
     "unknown field of a task": ({"task": {"limits": {"angle": 1}}}, "limits has no field 'angle'"),
+    "field of a part": ({"reward": {"yaw": 1.0}}, r"no field 'reward' \(did you mean 'task.reward'\?\)"),
     "unknown wind": ({"wind": "gale"}, "no wind 'gale'; there are calm, breeze, windy, storm"),
     "wind of an unknown kind": ({"wind": {"kind": "gale"}}, "'gale'.*constant, sinusoid"),
     "render mode": ({"render_mode": "ansi"}, "render_mode must .* not 'ansi'"),

@@ -25,7 +25,7 @@ class SB3VecEnv(VecEnv):
     def __init__(self, env: VectorEnv[Any, Any, Any], reward_scale: float = 1.0) -> None:
         mode = env.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
-            raise ValueError(f"env must have autoreset_mode {AutoresetMode.SAME_STEP}, not {mode}")
+            raise ValueError(f'env must be made with autoreset_mode="SameStep" of gym.make_vec, not with {mode}')
         self.env = env
         self.reward_scale = reward_scale
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)

@@ -77,7 +77,7 @@ def too_few(table: pd.DataFrame) -> str:
     name, members = min(groups(scenarios).items(), key=lambda item: len(item[1]))
     if episodes * len(members) >= EPISODES:
         return ""
-    return f"Not enough episodes to rank: {name} has {episodes * len(members)} of at least {EPISODES}."
+    return f"Not enough episodes to rank: the group {name} has {episodes * len(members)}, and needs {EPISODES}."
 
 
 def ranking(table: pd.DataFrame, references: Mapping[str, float] | None = None) -> list[RankingRow]:
