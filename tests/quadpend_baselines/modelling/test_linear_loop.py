@@ -1,5 +1,6 @@
 """Margins of the linear loop, compared with textbook values and with a search in time."""
 
+import re
 from dataclasses import replace
 
 import control
@@ -17,6 +18,7 @@ from quadpend_gym.tasks.task import Task
 from quadpend_train.evaluation.linear_models import loop_margins
 from quadpend_train.policies.conversion import as_policy
 from tests.helpers.envs import AT_REST, NO_LIMITS
+from tests.helpers.sources import ROOT
 
 
 def test_margins_of_a_double_integrator() -> None:
@@ -116,3 +118,15 @@ def test_predictive_control_has_no_linear_model_and_an_unstable_loop_is_warned_a
         found = loop_margins({"lqi": [lqi]}, {"calm": scenario, "late": late})
     assert found["calm", "lqi"].delay > 0.02
     assert found["late", "lqi"].delay == 0.0
+
+
+@pytest.mark.parametrize(("column", "vehicle"), [(0, "paper"), (1, "hummingbird")])
+def test_the_page_has_the_margins_of_the_controllers(column: int, vehicle: str) -> None:
+    page, scenario = (ROOT / "docs/linear-model.md").read_text(encoding="utf-8"), Scenario(vehicle=vehicle)
+    rows = re.findall(r"^\| `([\w-]+)` \| ([\d.]+) ms, (\d+)° \| ([\d.]+) ms, (\d+)° \|$", page, re.MULTILINE)
+    assert len(rows) == 5
+    for name, *numbers in rows:
+        found = margins(vehicle_model(scenario), linear_policy(controller(name).adapt(scenario), scenario))
+        delay, phase = map(float, numbers[2 * column : 2 * column + 2])
+        assert 1e3 * found.delay == pytest.approx(delay, abs=0.06)
+        assert np.rad2deg(found.phase) == pytest.approx(phase, abs=0.51)
