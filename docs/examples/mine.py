@@ -16,7 +16,7 @@ TOLERANCES = np.repeat([0.05, 0.2, 0.3, 1.0, 0.3, 1.0, 0.02], [3, 3, 3, 3, 2, 2,
 
 
 class MyController:
-    layouts = ("full",)  # fields that it reads; rates that a scenario does not observe are differences
+    layouts = ("full",)  # fields that it reads: a scenario must observe them
 
     def __init__(self, simulation):
         self.simulation, self.rod = simulation, simulation.parameters.rod_length

@@ -30,7 +30,7 @@ from quadpend_train.policies.normalization import Normalization
 
 PROTOCOL = (
     "a policy is an object with predict(observation, state=None, episode_start=None, deterministic=True), which takes"
-    " observations of shape (n, 36) and returns actions of shape (n, 4) in [-1, 1] and its memory"
+    " observations of shape (n, m) and returns actions of shape (n, 4) in [-1, 1] and its memory"
 )
 
 
