@@ -27,6 +27,8 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.trajectories import Trajectory
 from quadpend_gym.vehicles import Parameters, Simulation
 
+_LEAST = 1e-9  # m/s² and N; without L or thrust the tilt counts as 90°
+
 
 class Demand(NamedTuple):
     """What exact tracking demands at k times."""
@@ -39,9 +41,11 @@ class Demand(NamedTuple):
 def demand(trajectory: Trajectory, parameters: Parameters, times: Floats, side: float = 1.0) -> Demand:
     """Return what exact tracking in calm air demands at times of shape (k,), s, see (1) to (4) and `Task.side`."""
     lift, thrust = _forces(trajectory, parameters, times, side)
-    size = np.linalg.norm(thrust, axis=-1)
-    pendulum = np.arccos(lift[:, 2] / np.linalg.norm(lift, axis=-1))
-    return Demand(size, pendulum, np.arccos(thrust[:, 2] / size))
+    return Demand(np.linalg.norm(thrust, axis=-1), _tilt(lift), _tilt(thrust))
+
+
+def _tilt(vector: Floats) -> Floats:
+    return np.asarray(np.arccos(vector[:, 2] / np.maximum(np.linalg.norm(vector, axis=-1), _LEAST)))
 
 
 def _forces(trajectory: Trajectory, parameters: Parameters, times: Floats, side: float) -> tuple[Floats, Floats]:
@@ -49,7 +53,7 @@ def _forces(trajectory: Trajectory, parameters: Parameters, times: Floats, side:
     p, rod_length = parameters, side * parameters.rod_length
     derivatives = trajectory.derivatives(times)[:, :, :3]
     lift, lift_rate, lift_acceleration = derivatives[:, 2] + [0.0, 0.0, p.gravity], derivatives[:, 3], derivatives[:, 4]
-    size = np.linalg.norm(lift, axis=-1, keepdims=True)
+    size = np.maximum(np.linalg.norm(lift, axis=-1, keepdims=True), _LEAST)
     direction = lift / size
     first = _dot(direction, lift_rate)
     rate = (lift_rate - first * direction) / size

@@ -104,6 +104,13 @@ def test_a_trajectory_beyond_the_thrust_is_refused_with_time_and_number() -> Non
         check_feasible(drop, Simulation())
 
 
+def test_a_trajectory_that_is_free_fall_at_one_time_is_refused() -> None:
+    """There a pole has no direction that follows it."""
+    fall = Reference(amplitude=(0, 0, 9.8, 0), frequency=(0, 0, 1, 0), phase=(0, 0, np.pi / 2, 0))
+    with pytest.raises(ValueError, match=r"needs a pendulum tilt of 90.0° at 0.00 s"):
+        check_feasible(fall, Simulation())
+
+
 def test_hovering_demands_the_weight_and_no_tilt() -> None:
     needed = demand(Reference(), PAPER, np.array([0.0, 1.0]))
     assert_allclose(needed.thrust, PAPER.hover_thrust, rtol=1e-14)
