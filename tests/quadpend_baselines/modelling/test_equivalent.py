@@ -23,6 +23,7 @@ from tests.helpers import rigid
 
 POLE = Pole(0.1, 0.4, 0.3 * 0.1 * 0.4**2)
 BODY = Vehicle(0.5, (0.004, 0.003, 0.006), POLE, torque=(1.0, 1.0))
+RAISED = equivalent_model(Simulation(vehicle=replace(BODY, pivot=(0.0, 0.0, 0.06))))
 
 
 @pytest.mark.parametrize("disturbance", [np.zeros(9), np.array([0.02, 0.0, 0.1, 0.01, 0.02, 0.05, 0.0, 0.0, 0.0])])
@@ -62,25 +63,57 @@ def test_the_torques_make_the_demanded_accelerations() -> None:
     assert_allclose((after.named.euler_rate - flight.named.euler_rate) / 1e-5, wanted, atol=5e-3)
 
 
+def equivalent(derivatives: np.ndarray) -> np.ndarray:
+    """Return the derivatives of F without drag, shape (5, 3), for those of F_d."""
+    given = Derivatives(*(Vec3(*row) for row in derivatives), *[Vec3(0.0, 0.0, 0.0)] * 2, Four(*[0.0] * 4))
+    none = Triple(*[Series(*[0.0] * 5)] * 3)
+    return np.array(equivalent_reference(given, (none, none), RAISED.numbers)[:5])
+
+
 def test_the_wanted_flat_output_of_a_raised_pivot_is_that_of_the_equations() -> None:
     """For slow motion, F and its derivatives solve (1) and (2) with F_d = ζ + l r."""
-    simulation = Simulation(vehicle=replace(BODY, pivot=(0.0, 0.0, 0.06)))
-    model = equivalent_model(simulation)
-    p, a, b = model.parameters, model.numbers.pendulum_arm, model.numbers.thrust_arm
-    mu = model.numbers.pivot_share / (1.0 - model.numbers.pivot_share)
+    p, a, b = RAISED.parameters, RAISED.numbers.pendulum_arm, RAISED.numbers.thrust_arm
+    mu = RAISED.numbers.pivot_share / (1.0 - RAISED.numbers.pivot_share)
     w = 0.3  # rad/s
     powers = np.array([(1j * w) ** i for i in range(2, 7)])
     sigma = powers[0] / p.gravity
     t = sigma - sigma * powers[0] / p.chain_stiffness
     s = (1.0 + mu) * sigma - mu * t
     tracked = 1.0 - a * s - b * t  # F_d for F = exp(i w t)
-    reference = np.zeros((1, 5, 3))
-    reference[0, :, 0] = np.real(powers * tracked)
-    given = Derivatives(*(Vec3(*row) for row in reference[0]), *[Vec3(0.0, 0.0, 0.0)] * 2, Four(*[0.0] * 4))
-    none = Triple(*[Series(*[0.0] * 5)] * 3)
-    found = equivalent_reference(given, (none, none), model.numbers).d2.x
-    assert found == pytest.approx(np.real(powers[0]), rel=1e-4)
-    assert np.abs(reference[0, 0, 0] - np.real(powers[0])) > 1e-3 * w**2
+    reference = np.zeros((5, 3))
+    reference[:, 0] = np.real(powers * tracked)
+    assert equivalent(reference)[0, 0] == pytest.approx(np.real(powers[0]), rel=1e-4)
+    assert np.abs(reference[0, 0] - np.real(powers[0])) > 1e-3 * w**2
+
+
+@pytest.mark.parametrize("amplitude", [(1.0, 0.5), (1.0, 0.0), (0.0, 0.0)], ids=["figure eight", "line", "rest"])
+def test_the_wanted_flat_output_of_oscillations_is_that_of_their_frequencies(
+    amplitude: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Equation (3) has the solution F = F_d/(1 + c₂ w² − c₄ w⁴) for each frequency w, here along turned axes."""
+    monkeypatch.setattr("quadpend_baselines.modelling.equivalent._LEAST", 1e-9)
+    model, frequency = RAISED.numbers, np.array([0.8, 1.6])
+    sine, cosine = np.sin(0.7), np.cos(0.7)
+    turn = np.array([[cosine, -sine], [sine, cosine]])
+    part = 1.0 / (1.0 + model.second * frequency**2 - model.fourth * frequency**4)
+    for phase in (0.1, 0.8, 2.0):
+        powers = (1j * frequency) ** np.arange(2, 7)[:, np.newaxis]
+        wanted = np.real(powers * amplitude * np.exp(1j * phase * frequency))
+        found = equivalent(np.column_stack([wanted @ turn.T, wanted[:, 0]]))
+        assert_allclose(found[:, :2], (part * wanted) @ turn.T, atol=1e-5)
+        assert_allclose(found[:, 2], wanted[:, 0])
+
+
+@pytest.mark.parametrize("order", range(5))
+def test_the_wanted_flat_output_of_other_motions_stays_near_theirs(order: int) -> None:
+    """For one derivative alone, and for growing exponentials, which oscillate at no frequency."""
+    alone, growing = np.zeros((5, 3)), np.outer(1.5 ** np.arange(2, 7), [1.0, -2.0, 0.0])
+    alone[order] = 3.0, -1.0, 0.0
+    size = 1.0 + RAISED.numbers.second + abs(RAISED.numbers.fourth)
+    assert np.abs(equivalent(alone)).max() <= 3.0 * size
+    expected = growing.copy()
+    expected[:2] += RAISED.numbers.second * growing[2:4]
+    assert_allclose(equivalent(growing), expected, rtol=1e-12)
 
 
 def trajectory(simulation: Simulation, reference: Reference, time: float, drag: Four) -> tuple[np.ndarray, np.ndarray]:
