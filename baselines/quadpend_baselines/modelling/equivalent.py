@@ -22,9 +22,9 @@ of the drag are taken for those of oscillations: each is −Ω times that two or
 
     (5)  Ω = −Σ F_d⁽ⁱ⁺²⁾ F_d⁽ⁱ⁾ᵀ K⁻ⁱ (Σ F_d⁽ⁱ⁾ F_d⁽ⁱ⁾ᵀ K⁻ⁱ)⁻¹,    i = 2, 3, 4
 
-with limited eigenvalues; `_LEAST` keeps the inverse finite. But for `_LEAST` this is exact for F_d on circles and
-figure eights, and for the drag on circles. Derivatives of the drag are left out of (4). For the paper's vehicle λ = l,
-m' = m and μ = a = b = 0.
+with eigenvalues limited to 0 … K/2; `_LEAST` keeps the inverse finite. But for both this is exact for F_d on circles
+and figure eights. Left out are derivatives of the drag in (4), and what the drag adds to F⁽ⁱ⁺²⁾ and F⁽ⁱ⁺⁴⁾ in (3). For
+the paper's vehicle λ = l, m' = m and μ = a = b = 0.
 
 The functions of `Pendulum` take the numbers of this model. For rigid vehicles `rigid` is their `RigidSettings`; it is
 None for the paper's vehicle.
@@ -65,7 +65,7 @@ from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, axpy, load_four, norm, store_four
 from quadpend_gym.vehicles import Drag, Pole, Vehicle
 
-_SMALL, _LEAST = 1e-9, 1e-3  # of the sums of (5), m²/s⁴ and a share of their trace
+_SMALL, _LEAST = 1e-9, 1e-3  # of the sums of (5), m²/s⁴ and a share of their trace; `_SMALL` also of Ω, 1/s²
 _FASTEST = 0.5  # bound of Ω/K
 
 
@@ -126,7 +126,11 @@ def _shared(body: Series, bob: Series, model: Pendulum) -> tuple[Series, Series]
 
 @inlined
 def _horizontal(body: Series, bob: Series, model: Pendulum) -> tuple[Series, Series]:
-    """Return the forces of a horizontal axis. That of s̈ acts on σ̈ by 1/(1 + μ), and moves the equilibrium of σ."""
+    """Return the forces of a horizontal axis.
+
+    With f = d_B/m' − d_Q/M' of `_shared`, s̈ has the part f/λ, σ̈ the part f/((1 + μ) λ), and σ at rest the part
+    μ f/((1 + μ) K λ).
+    """
     p, (force, bob_force) = model.physics, _shared(body, bob, model)
     relative = plus(times(1.0 / p.bob_mass, bob_force), times(-1.0 / p.quadrotor_mass, force))
     moved = -p.bob_mass * p.gravity / chain_stiffness(p) * model.pivot_share / p.rod_length
