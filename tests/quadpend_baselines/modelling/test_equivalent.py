@@ -111,8 +111,9 @@ def test_the_wanted_flat_output_of_other_motions_stays_near_theirs(order: int) -
     alone[order] = 3.0, -1.0, 0.0
     size = 1.0 + RAISED.numbers.second + abs(RAISED.numbers.fourth)
     assert np.abs(equivalent(alone)).max() <= 3.0 * size
-    expected = growing.copy()
-    expected[:2] += RAISED.numbers.second * growing[2:4]
+    expected, numbers = growing.copy(), RAISED.numbers
+    expected[1:3] += numbers.second * growing[3:5]
+    expected[0] += numbers.second * expected[2] + numbers.fourth * growing[4]
     assert_allclose(equivalent(growing), expected, rtol=1e-12)
 
 
