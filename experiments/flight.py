@@ -30,7 +30,7 @@ MARKERS = "os^vDP*X<>ph"
 FEWER = "lqi", "adrc-matched", "adrc-paper"  # have no columns in the table of limits
 FOLDER, ROWS = DOCS / "flight", 10  # rows of the table in the README
 EVENTS = events(SCENARIOS[BASE])
-COLUMNS = "rank", "policy", "survival bound (%)", "error (multiple of the reference)", "envelope", f"{DELAY} (ms)"
+COLUMNS = "rank", "policy", "survival bound (%)", "error (multiple of the linear reference)", "envelope", f"{DELAY} (ms)"
 
 Limits = Mapping[str, Mapping[str, Limit]]  # by the names of policies and of events
 
@@ -159,7 +159,7 @@ def scenario_figure(table: pd.DataFrame) -> Any:
         axis.scatter([], [], c=figures.colour(i), label=name, **style)
     axis.set_yticks(range(len(part)), part["scenario"].str.removeprefix("flight_"))
     axis.invert_yaxis()
-    axis.set(xlabel="error (multiple of the reference)", xscale="log")
+    axis.set(xlabel="error (multiple of the linear reference)", xscale="log")
     return _finish(figure, axis, axis.xaxis)
 
 

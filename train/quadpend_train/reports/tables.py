@@ -56,7 +56,7 @@ def without(rows: Rows, columns: Sequence[str]) -> Rows:
 def ranking_rows(comparison: Comparison) -> Rows:
     """Return the ranking; the policies without a rank follow, see `quadpend_train.evaluation.ranking`."""
     reference = (
-        "reference" if comparison.references.keys() >= {*gentle(list(comparison.scenarios))} else "best policy's"
+        "linear reference" if comparison.references.keys() >= {*gentle(list(comparison.scenarios))} else "best policy's"
     )
     headings = ("rank", "policy", "survival (%)", "survival bound (%)", f"error (multiple of the {reference})")
     rows: Rows = [(*headings, "falls", "effort")]
