@@ -30,7 +30,8 @@ MARKERS = "os^vDP*X<>ph"
 FEWER = "lqi", "adrc-matched", "adrc-paper"  # have no columns in the table of limits
 FOLDER, ROWS = DOCS / "flight", 10  # rows of the table in the README
 EVENTS = events(SCENARIOS[BASE])
-COLUMNS = "rank", "policy", "survival bound (%)", "error (multiple of the linear reference)", "envelope", f"{DELAY} (ms)"
+ERROR = "error (multiple of the linear reference)"
+COLUMNS = "rank", "policy", "survival bound (%)", ERROR, "envelope", f"{DELAY} (ms)"
 
 Limits = Mapping[str, Mapping[str, Limit]]  # by the names of policies and of events
 
@@ -142,7 +143,7 @@ def front_figure(found: Comparison, wide: Mapping[str, Limit]) -> Any:
         colour = figures.colour(i)
         face = colour if row.has_rank else "white"
         axis.errorbar(x.value, y.value, **bars, fmt=MARKERS[i], color=colour, mfc=face, label=row.policy)
-    axis.set(xlabel="envelope (multiple of everyday strengths)", ylabel="error (multiple of the linear reference)")
+    axis.set(xlabel="envelope (multiple of everyday strengths)", ylabel=ERROR)
     axis.set(xscale="log", yscale="log")
     figures.set_log_ticks(axis.xaxis, (1.0, 2.0, 5.0))
     return _finish(figure, axis, axis.yaxis)
@@ -159,7 +160,7 @@ def scenario_figure(table: pd.DataFrame) -> Any:
         axis.scatter([], [], c=figures.colour(i), label=name, **style)
     axis.set_yticks(range(len(part)), part["scenario"].str.removeprefix("flight_"))
     axis.invert_yaxis()
-    axis.set(xlabel="error (multiple of the linear reference)", xscale="log")
+    axis.set(xlabel=ERROR, xscale="log")
     return _finish(figure, axis, axis.xaxis)
 
 

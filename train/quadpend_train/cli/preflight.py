@@ -23,9 +23,9 @@ def preflight(
     It takes two to five minutes on two cores.
 
     The limit of an event, such as a jump of the set-point, is the largest strength that 99 % of the episodes survive. A
-    bisection from the everyday strength finds it and takes for granted that a stronger event fells more. Brackets are no
-    confidence intervals: they have the largest tried strength without a fall and the smallest one at which survival is
-    below 99 % with 95 % confidence. The room is the farthest distance from the reference at everyday strength.
+    bisection from the everyday strength finds it, as if a stronger event always felled more. Brackets are no confidence
+    intervals: they have the largest tried strength without a fall and the smallest one at which survival is below 99 %
+    with 95 % confidence. The room is the farthest distance from the reference at everyday strength.
 
     Args:
         policy: A policy, as in evaluate.
