@@ -7,7 +7,7 @@ import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
-from quadpend_train.policies.loading import load_policy
+from quadpend_train import load_policy
 
 
 class Held(Policy):

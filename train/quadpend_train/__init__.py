@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from quadpend_train.envs.sb3_vec_env import SB3VecEnv
     from quadpend_train.evaluation.comparison import compare
     from quadpend_train.evaluation.episodes import run_episodes
+    from quadpend_train.policies.conversion import as_policy
+    from quadpend_train.policies.loading import load_policy
     from quadpend_train.policies.mlp_policy import MlpPolicy
     from quadpend_train.reports.report import evaluate
 
@@ -30,11 +32,13 @@ _MODULES = {
     "MlpPolicy": "quadpend_train.policies.mlp_policy",
     "SB3VecEnv": "quadpend_train.envs.sb3_vec_env",
     "Scenario": "quadpend_gym.scenarios",
+    "as_policy": "quadpend_train.policies.conversion",
     "compare": "quadpend_train.evaluation.comparison",
     "evaluate": "quadpend_train.reports.report",
+    "load_policy": "quadpend_train.policies.loading",
     "run_episodes": "quadpend_train.evaluation.episodes",
 }
-__all__ = ["MlpPolicy", "SB3VecEnv", "Scenario", "compare", "evaluate", "run_episodes"]
+__all__ = ["MlpPolicy", "SB3VecEnv", "Scenario", "as_policy", "compare", "evaluate", "load_policy", "run_episodes"]
 
 
 def __getattr__(name: str) -> Any:
