@@ -31,7 +31,10 @@ BAD_OPTIONS: dict[str, tuple[Any, str]] = {
     "reference": ({"reference": "circle"}, "reference must be a Reference, Waypoints or a mapping"),
     "unknown parameter": ({"parameters": {"mass": 1.0}}, "no parameter .mass.*; there are quadrotor_mass"),
     "a truth value": ({"parameters": {"bob_mass": True}}, r"'bob_mass'.* a number from .* not True"),
-    "negative mass": ({"parameters": {"bob_mass": -1.0}}, r"'bob_mass'.* a number from 1e-10 to 10000 kg.*, not -1.0"),
+    "negative mass": (
+        {"parameters": {"bob_mass": -1.0}},
+        r"'bob_mass'.* a number from 1e-10 to 10000 kg(, or \d of them)?, not -1.0",
+    ),
 }
 BAD_MASKS: dict[str, tuple[Any, str]] = {
     "wrong type": ([1, 0, 1], "'reset_mask'.* boolean array"),

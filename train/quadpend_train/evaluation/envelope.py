@@ -1,10 +1,10 @@
 """The envelope of a policy: the largest strength of each event that it survives.
 
 The limit of an event is the largest strength at which at least `SURVIVAL` of the episodes survive. The strengths form a
-grid. A bisection that begins at the everyday strength finds the limit in about six runs of all episodes, as if survival
-never grew with the strength. All runs have the same seeds, and the policy is designed for the everyday strength, or for
-no extra delay. Every training seed of a learner flies all episodes, and they are pooled: the limit is that of the mean
-survival of these seeds. A run ends early once it has `enough` falls.
+grid. A bisection that begins at the everyday strength finds the limit in about six runs of all episodes, as if a
+stronger event always felled more. All runs have the same seeds, and the policy is designed for the everyday strength,
+or for no extra delay. Every training seed of a learner flies all episodes, and they are pooled: the limit is that of
+the mean survival of these seeds. A run ends early once it has `enough` falls.
 
 The bracket of a limit (`Limit`) tells what was seen, and is no confidence interval: its ends are the largest tried
 strength up to the limit without a fall, and the smallest tried one beyond it at which the survival is below `SURVIVAL`
