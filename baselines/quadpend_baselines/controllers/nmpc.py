@@ -18,10 +18,10 @@ A Gauss–Newton step linearises f along the plan and eliminates the states (con
     (4)  δz_j = o_j + Γ_j δa
 
 This leaves a quadratic program in the 4 H actions with bounds only. DAQP solves it, a dual active-set method that
-CasADi contains (Arnström, Bemporad & Axehill, IEEE Transactions on Automatic Control 2022). At most `iterations` steps
-start from the plan of the previous control step, moved forward in time (real-time iteration; Diehl, Bock & Schlöder,
-SIAM Journal on Control and Optimization 2005), at first from z_d and a_d. If they fail, the law continues the previous
-plan, and after a period z_d and a_d. The memory counts the failures.
+CasADi contains (Arnström, Bemporad & Axehill, IEEE Transactions on Automatic Control 2022). One step starts from the
+plan of the previous control step, moved forward in time (real-time iteration; Diehl, Bock & Schlöder, SIAM Journal on
+Control and Optimization 2005), at first from z_d and a_d. If it fails, the law continues the previous plan, and after a
+period z_d and a_d. The memory counts the failures.
 
 CasADi is an extra: ``pip install 'quadpend-gym[mpc]'``.
 """
@@ -60,7 +60,6 @@ from quadpend_gym.vehicles import mixing
 _NO_PLAN = 10**9  # age of the plan at the start of an episode
 _MAX_STATE = 1e3  # SI units; a step to a larger state is a failure
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| in a plan
-_CONVERGED = 1e-3  # after a smaller change of all actions, no further step is taken
 _SOLVING = Lock()  # threads may share a controller, but CasADi's solvers and the graphs that they share have no locks
 
 
@@ -71,7 +70,6 @@ class NmpcGains:
     feedback: LqrGains = LqrGains()  # weights of the cost
     periods: Count = 13  # H, periods of the horizon
     period: Annotated[float, Range(1e-4, 10.0, "s"), Scale(-1)] = 0.04  # T, period of the horizon
-    iterations: Count = 1  # largest number of SQP steps in a control step
     estimator: EstimatorGains = EstimatorGains()
 
 
@@ -80,7 +78,7 @@ class NmpcMemory(NamedTuple):
 
     states: Floats  # z, position and velocity relative to the reference, shape (n, H + 1, s)
     actions: Floats  # a, shape (n, H, 4)
-    age: Integers  # control steps since the last one whose Gauss–Newton steps succeeded, shape (n,)
+    age: Integers  # control steps since the last one whose Gauss–Newton step succeeded, shape (n,)
     failures: Integers  # control steps that failed since the episode began, shape (n,)
 
 
@@ -158,19 +156,11 @@ class Nmpc(Law):
         horizon, age = self._horizon(estimate), memory.age + 1
         is_old = (age > self.steps)[:, np.newaxis, np.newaxis]
         plan = np.where(is_old, horizon.states, self._later(memory.states))
-        actions, succeeds = np.where(is_old, horizon.actions, self._later(memory.actions)), np.ones(len(age), np.bool_)
-        active = np.arange(len(age))  # the rows that neither converged nor failed
-        for _ in range(self.gains.iterations):
-            part = Horizon(*(array[active] for array in horizon))
-            found = self._improved(plan[active], actions[active], Estimate(estimate.array[active]), part)
-            with np.errstate(invalid="ignore"):
-                worst = sum(np.abs(array).max(axis=(1, 2)) for array in found)
-                succeeds[active] = good = worst < _MAX_STATE
-                moves = np.abs(found[1] - actions[active]).max(axis=(1, 2)) >= _CONVERGED
-            plan[active[good]], actions[active[good]] = found[0][good], found[1][good]
-            active = active[moves & good]
-            if not active.size:
-                break
+        actions = np.where(is_old, horizon.actions, self._later(memory.actions))
+        found = self._improved(plan, actions, estimate, horizon)
+        with np.errstate(invalid="ignore"):
+            succeeds = sum(np.abs(array).max(axis=(1, 2)) for array in found) < _MAX_STATE
+        plan[succeeds], actions[succeeds] = found[0][succeeds], found[1][succeeds]
         memory = NmpcMemory(plan, actions, np.where(succeeds, 0, age), memory.failures + ~succeeds)
         return actions[:, 0].copy(), memory
 

@@ -35,7 +35,7 @@ from quadpend_gym.sensors import Channel
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, Drawn, Dryden, OrnsteinUhlenbeck, Rescaled, Sum
 from quadpend_gym.wind.filters import discretise
 
-CHEAP = 1e-5  # m, √ρ: the error that counts as much as an action of 1
+_EFFORT = 1e-5  # m, √ρ: the error that counts as much as an action of 1
 _LEAST = 1e-6  # of the position (m): tolerances, process noise in a period, which make all states count and uncertain
 _LEAST_NOISE = 1e-6  # standard deviation of a measurement that has no noise, SI units
 _FIELDS = {  # fields of `Noise` by the names of the measurements
@@ -163,15 +163,6 @@ def _damped(vehicle: Any, scenario: Scenario, mean: Floats) -> Any:
     return control.ss(A, B, vehicle.C, vehicle.D, vehicle.dt, **names)
 
 
-class _Design(NamedTuple):
-    """P, Σ, K and F of equation (2)."""
-
-    covariance: Floats
-    innovation: Floats
-    filter: Floats
-    feedback: Floats
-
-
 def _riccati(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
     """Return the solution of the Riccati equation by doubling: step k is 2ᵏ steps of its recursion.
 
@@ -187,26 +178,26 @@ def _riccati(A: Floats, B: Floats, Q: Floats, R: Floats) -> Floats:
     return H
 
 
-def _design(problem: LinearProblem, effort: float) -> _Design:
+def _design(problem: LinearProblem) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return P, Σ, K and F of equation (2)."""
     A, B, N, C, error, V = problem
     least = _LEAST**2 * np.eye(len(A))
     P = _riccati(A.T, C.T, N @ N.T + least, V)
     innovation = C @ P @ C.T + V
-    R = effort**2 * np.eye(B.shape[1])
+    R = _EFFORT**2 * np.eye(B.shape[1])
     S = _riccati(A, B, error.T @ error + least, R)
     K, F = np.linalg.solve(innovation, C @ P).T, np.linalg.solve(R + B.T @ S @ B, B.T @ S @ A)
-    return _Design(P, innovation, K.astype(np.float64), F.astype(np.float64))
+    return P, innovation, K.astype(np.float64), F.astype(np.float64)
 
 
-def linear_reference(scenario: Scenario, effort: float = CHEAP) -> float:
+def linear_reference(scenario: Scenario) -> float:
     """Return the stationary RMS of the norm of the tracking error that no causal controller can beat, m.
 
     Args:
         scenario: Hover in fluctuating or turbulent wind, with white noise, delays and lags; others are a ValueError.
-        effort: √ρ, m, the error that counts as much as an action of 1; the default leaves the effort free.
     """
     problem = linear_problem(scenario)
-    P, innovation, K, F = _design(problem, effort)
+    P, innovation, K, F = _design(problem)
     known = solve_discrete_lyapunov(problem.A - problem.B @ F, K @ innovation @ K.T)
     covariance = known + P - K @ problem.C @ P
     return float(np.sqrt(np.trace(problem.error @ covariance @ problem.error.T)))

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 
 from quadpend_baselines import controller
 from quadpend_baselines.modelling.linear_loop import linear_policy
-from quadpend_baselines.modelling.linear_reference import CHEAP, _design, linear_problem, linear_reference
+from quadpend_baselines.modelling.linear_reference import _design, linear_problem, linear_reference
 from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_gym.sensors import Delay, Noise
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK
@@ -44,15 +44,14 @@ def stationary_error(scenario: Scenario, policy: Any) -> float:
 )
 def test_lqg_reaches_the_reference_in_the_linear_model(scenario: Scenario) -> None:
     problem = linear_problem(scenario)
-    *_, K, F = _design(problem, CHEAP)
+    *_, K, F = _design(problem)
     closed, corrected = problem.A - problem.B @ F, np.eye(len(problem.A)) - K @ problem.C
     policy = control.ss(closed @ corrected, closed @ K, -F @ corrected, -F @ K, scenario.period)
     assert stationary_error(scenario, policy) == pytest.approx(linear_reference(scenario), rel=0.01)
 
 
-def test_less_effort_noise_or_delay_changes_the_reference_as_it_must() -> None:
+def test_less_noise_or_delay_changes_the_reference_as_it_must() -> None:
     reference = linear_reference(HOVER)
-    assert linear_reference(HOVER, 0.1) > 1.5 * reference
     assert linear_reference(replace(HOVER, latency=0.0)) < reference
     assert linear_reference(replace(HOVER, sensors=())) < reference
     doubled = replace(
