@@ -173,9 +173,7 @@ class AdrcLaw(Law):
 
     def estimator(self, loop: Loop) -> DesoBank:
         """Return the observers."""
-        gains = self.gains
-        observers = gains.luenberger, gains.horizontal, gains.vertical
-        return DesoBank(observers, gains.mismatch, self.simulation, loop, gains.predicts)
+        return DesoBank(self.gains, self.simulation, loop)
 
     @cached_property
     def numbers(self) -> AdrcNumbers:

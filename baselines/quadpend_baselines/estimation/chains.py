@@ -54,11 +54,13 @@ class AdrcMeasurement(NamedTuple):
 
 
 @inlined
-def make_measurement(
-    error: Vec3, direction: Vec3, euler: Vec3, reference: Derivatives, model: Pendulum, rigid: RigidSettings | None
+def measurement_of_state(
+    state: VehicleState, reference: Derivatives, model: Pendulum, rigid: RigidSettings | None
 ) -> AdrcMeasurement:
-    """Return the measurement for tracking error e (m), direction r, and roll, pitch and yaw error ψ − ψ_d (rad)."""
-    yaw = euler.z + reference.yaw.x
+    """Return the measurement of a state; the inverse of `state_from_chains` in positions and angles."""
+    (error, _), euler, direction = bob_offset(state, model.vehicle.rod_length), state.euler, state.direction
+    yaw_error = euler.z - reference.yaw.x
+    yaw = yaw_error + reference.yaw.x  # rounded like the observed one
     (sin_roll, cos_roll), (sin_pitch, cos_pitch), (sine, cosine) = sincos(euler.x), sincos(euler.y), sincos(yaw)
     # In the axes of the heading, the horizontal thrust direction is (cos φ sin θ, −sin φ).
     b = turn3(Vec3(cos_roll * sin_pitch, -sin_roll, cos_roll * cos_pitch), sine, cosine)
@@ -68,23 +70,13 @@ def make_measurement(
         s, t = divide(direction, max(direction.z, _LEAST_VERTICAL)), divide(b, max(b.z, _LEAST_VERTICAL))
     wanted = equivalent_reference(reference, no_drag(), model)
     output = minus(flat_output(error, s, t, model), _offset(wanted.d2, wanted.d4, model))
-    return AdrcMeasurement(Vec3(output.x, output.y, error.z), direction, s, t, b, yaw, euler.z, wanted)
+    return AdrcMeasurement(Vec3(output.x, output.y, error.z), direction, s, t, b, yaw, yaw_error, wanted)
 
 
 @inlined
 def _offset(second: Vec3, fourth: Vec3, model: Pendulum) -> Vec3:
     """Return F − F_d of the wanted F without drag, or its rate, from two of its derivatives, m."""
     return axpy(model.second, second, scale(model.fourth, fourth))
-
-
-@inlined
-def measurement_of_state(
-    s: VehicleState, reference: Derivatives, model: Pendulum, rigid: RigidSettings | None
-) -> AdrcMeasurement:
-    """Return the measurement of a state; the inverse of `state_from_chains` in positions and angles."""
-    error, _ = bob_offset(s, model.vehicle.rod_length)
-    euler = Vec3(s.euler.x, s.euler.y, s.euler.z - reference.yaw.x)
-    return make_measurement(error, s.direction, euler, reference, model, rigid)
 
 
 @inlined

@@ -29,6 +29,7 @@ An estimate has the layout of `estimation.estimate`; behind it are 32 states of 
 torques (N·m) of the latest action that acted on the paper's vehicle.
 """
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -72,6 +73,7 @@ from quadpend_baselines.estimation.estimate import (
     project_direction,
     store_attitude,
     store_measured_reference,
+    turned_to,
 )
 from quadpend_baselines.estimation.estimate import DISTURBANCE as FORCES
 from quadpend_baselines.estimation.estimate import YAW as WANTED_YAW
@@ -87,8 +89,7 @@ from quadpend_baselines.estimation.prediction import (
     unpack_loop,
 )
 from quadpend_baselines.estimation.samples import judge, remember
-from quadpend_baselines.gains import ObserverGains
-from quadpend_baselines.modelling.equivalent import Pendulum, chain_stiffness, equivalent_model, sigma_of
+from quadpend_baselines.modelling.equivalent import Pendulum, chain_stiffness, sigma_of
 from quadpend_baselines.modelling.quantities import (
     Derivatives,
     Forces,
@@ -273,7 +274,7 @@ def _store(
     chains = memory[memory.shape[0] - BEHIND :]
     store_vectors(memory, FORCES, lane, estimated_forces(chains, lane, mismatch, model))
     if rigid is not None:
-        store_attitude(memory, RIGID_PART, lane, s)
+        store_attitude(memory, lane, s)
 
 
 @inlined
@@ -290,8 +291,7 @@ def _measured(
     measured = moved(load_state(seen, STATE, lane), -1.0, seen[PLACE:REFERENCE], lane)
     predicted = moved(load_state(memory, STATE, lane), -1.0, memory[PLACE:REFERENCE], lane)
     s = for_nominal_length(choose(missing > 0.5, predicted, measured), memory[POLE, lane])
-    euler = Vec3(s.euler.x, s.euler.y, near_angle(s.euler.z, reference.yaw.x))
-    s = VehicleState(s.position, s.velocity, euler, s.euler_rate, s.direction, s.direction_rate)
+    s = turned_to(s, reference.yaw.x)
     return s, reference, measurement_of_state(s, reference, model, rigid)
 
 
@@ -470,29 +470,22 @@ class DesoBank:
     """The observers for n rows.
 
     Args:
-        gains: Those of the Luenberger stages, of the DESOs of F⁽⁴⁾ and of those of z and ψ.
-        mismatch: See `AdrcGains`.
+        gains: An `AdrcGains`.
         simulation: Nominal plant and control period.
         loop: The known part of the loop.
-        predicts: Whether it is predicted through, and the latency.
     """
 
-    def __init__(
-        self,
-        gains: tuple[ObserverGains, ObserverGains, ObserverGains],
-        mismatch: float,
-        simulation: Simulation,
-        loop: Loop,
-        predicts: bool,
-    ) -> None:
-        luenberger, horizontal, vertical = gains
-        self.simulation, self.loop, self.model = simulation, loop, equivalent_model(simulation)
-        self.prediction = DesoPrediction(simulation, loop if predicts else loop.unpredicted, predicts)
+    def __init__(self, gains: Any, simulation: Simulation, loop: Loop) -> None:
+        self.simulation, self.loop, horizontal = simulation, loop, gains.horizontal
+        if gains.predicts:
+            self.prediction = DesoPrediction(simulation, loop)
+        else:
+            self.prediction = DesoPrediction(replace(simulation, latency=0.0), Loop(observation=loop.observation))
         # The driven state and the gains of each observer; only the matched law has the DESOs of the force
-        self.observers = [(LUENBERGER_INPUT, luenberger)] * 2 + [(ESO_INPUT, horizontal)] * 2
-        self.observers += [(ESO_INPUT, vertical)] * 2 + [(ESO_INPUT, horizontal)] * (2 if mismatch else 0)
+        self.observers = [(LUENBERGER_INPUT, gains.luenberger)] * 2 + [(ESO_INPUT, horizontal)] * 2
+        self.observers += [(ESO_INPUT, gains.vertical)] * 2 + [(ESO_INPUT, horizontal)] * (2 if gains.mismatch else 0)
         period = simulation.period
-        self.bank = BankNumbers(mismatch, period, float(-np.expm1(-horizontal.bandwidth * period) / period))
+        self.bank = BankNumbers(gains.mismatch, period, float(-np.expm1(-horizontal.bandwidth * period) / period))
 
     @property
     def size(self) -> int:

@@ -138,9 +138,7 @@ def law_inputs(estimate: Any, row: int) -> tuple[VehicleState, Forces, Derivativ
     velocity, drag = load(lanes, DRAG, row), load_four(lanes, DRAG + 3, row)
     reference = Derivatives(d.d2, d.d3, d.d4, d.d5, d.d6, d.yaw, velocity, drag)
     s = for_nominal_length(load_state(lanes, STATE, row), lanes[POLE, row])
-    s = moved(s, -1.0, lanes[PLACE:REFERENCE], row)
-    euler = Vec3(s.euler.x, s.euler.y, near_angle(s.euler.z, reference.yaw.x))
-    state = VehicleState(s.position, s.velocity, euler, s.euler_rate, s.direction, s.direction_rate)
+    state = turned_to(moved(s, -1.0, lanes[PLACE:REFERENCE], row), reference.yaw.x)
     return state, load_forces(lanes, DISTURBANCE, row), reference
 
 
@@ -185,9 +183,9 @@ def measured_state(memory: Any, lane: int, seen: Any) -> VehicleState:
 
 
 @inlined
-def turned_to(state: VehicleState, other: VehicleState) -> VehicleState:
-    """Return a state with the yaw within half a turn of that of another one."""
-    s, euler = state, Vec3(state.euler.x, state.euler.y, near_angle(state.euler.z, other.euler.z))
+def turned_to(state: VehicleState, yaw: float) -> VehicleState:
+    """Return a state with the yaw less whole turns, within half a turn of another yaw, rad."""
+    s, euler = state, Vec3(state.euler.x, state.euler.y, near_angle(state.euler.z, yaw))
     return VehicleState(s.position, s.velocity, euler, s.euler_rate, s.direction, s.direction_rate)
 
 
@@ -203,10 +201,10 @@ def project_direction(s: VehicleState) -> VehicleState:
 
 
 @inlined
-def store_attitude(memory: Any, first: int, lane: int, state: VehicleState) -> None:
-    """Write quaternion and body rate of a state into the part of a rigid vehicle, which begins with field `first`."""
-    store_four(memory, first + QUATERNION, lane, quaternion_from_euler(state.euler))
-    store(memory, first + BODY_RATE, lane, body_rate(state.euler, state.euler_rate))
+def store_attitude(memory: Any, lane: int, state: VehicleState) -> None:
+    """Write quaternion and body rate of a state into the part of a rigid vehicle."""
+    store_four(memory, RIGID_PART + QUATERNION, lane, quaternion_from_euler(state.euler))
+    store(memory, RIGID_PART + BODY_RATE, lane, body_rate(state.euler, state.euler_rate))
 
 
 @inlined

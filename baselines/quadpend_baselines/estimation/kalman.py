@@ -127,7 +127,7 @@ def begin(
     store_vectors(memory, STATE, lane, state)
     memory[MASS_RATIO, lane] = 1.0
     if rigid is not None:
-        store_attitude(memory, RIGID_PART, lane, state)
+        store_attitude(memory, lane, state)
         store_four(memory, RIGID_PART + ROTOR_THRUST, lane, rigid.rotors.hover)
 
 
@@ -169,7 +169,7 @@ def correct(
     shape (24, 1); `mass_share` is ε of equation (3).
     """
     predicted = load_state(memory, STATE, lane)
-    measured = turned_to(measured_state(memory, lane, seen), predicted)
+    measured = turned_to(measured_state(memory, lane, seen), predicted.euler.z)
     innovation = combine(-1.0, predicted, measured if has_rates else with_rates(measured, predicted))
     store_vectors(memory, INNOVATION, lane, innovation)
     innovation = _limited(innovation, period * (memory[HELD, lane] + 1.0), doubts)
@@ -202,7 +202,7 @@ def correct(
     store_vectors(memory, DISTURBANCE, lane, forces)
     store_measured_reference(memory, lane, seen)
     if rigid is not None:
-        store_attitude(memory, RIGID_PART, lane, state)
+        store_attitude(memory, lane, state)
 
 
 @inlined
@@ -218,11 +218,11 @@ def begin_anew(memory: Any, lane: int, seen: Any, rigid: RigidSettings | None) -
     """Replace positions and angles of a predicted estimate in place by those of a measurement."""
     miss(memory, lane, seen)
     predicted = load_state(memory, STATE, lane)
-    measured = turned_to(measured_state(memory, lane, seen), predicted)
+    measured = turned_to(measured_state(memory, lane, seen), predicted.euler.z)
     state = project_direction(with_rates(measured, predicted))
     store_vectors(memory, STATE, lane, state)
     if rigid is not None:
-        store_attitude(memory, RIGID_PART, lane, state)
+        store_attitude(memory, lane, state)
 
 
 @inlined
@@ -263,7 +263,7 @@ def _observe(
         if has_rates and measured.direction.z < LEAST_HEIGHT:  # L_x is that of an upright pendulum
             store_vectors(memory, STATE, row, measured)
             if rigid is not None:
-                store_attitude(memory, RIGID_PART, row, measured)
+                store_attitude(memory, row, measured)
 
 
 @dataclass(frozen=True)

@@ -78,11 +78,6 @@ class Loop:
         return self.observation == LAB
 
     @property
-    def unpredicted(self) -> "Loop":
-        """The same observation, without delays, lags and noise."""
-        return Loop(observation=self.observation)
-
-    @property
     def of_errors(self) -> "Loop":
         """The same for a policy that reads errors in place of positions in the world."""
         return replace(self, observation=OUTPUT_FEEDBACK if self.in_world else self.observation)

@@ -21,20 +21,14 @@ from quadpend_baselines.estimation.estimate import (
     law_inputs,
 )
 from quadpend_baselines.estimation.loop import READABLE, Loop
-from quadpend_baselines.modelling.quantities import (
-    REFERENCE_VECTORS,
-    Derivatives,
-    VehicleState,
-    bob_offset,
-    store_vectors,
-)
+from quadpend_baselines.modelling.quantities import VehicleState, bob_offset, store_vectors
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.attitude import Quaternion, euler_from_rotation, normalised, rotation_matrix
 from quadpend_gym.physics.state import DIRECTION as STATE_DIRECTION
 from quadpend_gym.physics.state import EULER, POSITION
-from quadpend_gym.physics.vectors import Four, Vec3, load_four, store
+from quadpend_gym.physics.vectors import Vec3, load_four, store
 from quadpend_gym.tasks.observation import (
     FULL,
     LAB,
@@ -64,21 +58,6 @@ def scaled_vector(observation: Any, place: int, field: int, lane: int) -> Vec3:
 
 
 @inlined
-def read_reference(observation: Any, place: int, lane: int) -> Derivatives:
-    """Return the reference in an observation, which begins in row `place`."""
-    return Derivatives(
-        scaled_vector(observation, place, REFERENCE_START, lane),
-        scaled_vector(observation, place + 3, REFERENCE_START + 3, lane),
-        scaled_vector(observation, place + 6, REFERENCE_START + 6, lane),
-        scaled_vector(observation, place + 9, REFERENCE_START + 9, lane),
-        scaled_vector(observation, place + 12, REFERENCE_START + 12, lane),
-        scaled_vector(observation, place + 15, REFERENCE_START + 15, lane),
-        Vec3(0.0, 0.0, 0.0),
-        Four(0.0, 0.0, 0.0, 0.0),
-    )
-
-
-@inlined
 def measure_errors(observation: Any, lane: int, has_rates: bool, rod_length: float, out: Any) -> None:
     """Write the measured state, relative to the reference, and the reference; rates that are not measured are zero."""
     step = 6 if has_rates else 3
@@ -90,13 +69,13 @@ def measure_errors(observation: Any, lane: int, has_rates: bool, rod_length: flo
         error_rate = scaled_vector(observation, 3, _TRACKING_ERROR_RATE, lane)
         r_dot = scaled_vector(observation, 9, _DIRECTION_RATE, lane)
         euler_rate = scaled_vector(observation, 15, _EULER_RATE, lane)
-    reference = read_reference(observation, 3 * step, lane)
+    for i in range(MASS_RATIO - REFERENCE):
+        out[REFERENCE + i, lane] = observation[3 * step + i, lane] * OBSERVATION_SCALE[REFERENCE_START + i]
     # The horizontal tracking error is that of the bob.
     position = Vec3(error.x - rod_length * r.x, error.y - rod_length * r.y, error.z)
     velocity = Vec3(error_rate.x - rod_length * r_dot.x, error_rate.y - rod_length * r_dot.y, error_rate.z)
-    euler = Vec3(attitude.x, attitude.y, attitude.z + reference.yaw.x)
+    euler = Vec3(attitude.x, attitude.y, attitude.z + out[YAW, lane])
     store_vectors(out, STATE, lane, VehicleState(position, velocity, euler, euler_rate, r, r_dot))
-    store_vectors(out, REFERENCE, lane, reference[:REFERENCE_VECTORS])
 
 
 @inlined

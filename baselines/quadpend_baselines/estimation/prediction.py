@@ -246,7 +246,6 @@ class Prediction:
 
     simulation: Simulation  # nominal plant and control period
     known_loop: Loop  # the known part of the loop, without the latency of the simulation
-    predicts_latency: bool = True  # whether the latency is known
 
     @cached_property
     def loop(self) -> Loop:
@@ -256,8 +255,7 @@ class Prediction:
     @cached_property
     def _latency(self) -> tuple[int, int]:
         """The latency in whole control periods and the remaining substeps."""
-        delayed = self.simulation.delayed_substeps if self.predicts_latency else 0
-        return delayed // self.simulation.substeps, delayed % self.simulation.substeps
+        return divmod(self.simulation.delayed_substeps, self.simulation.substeps)
 
     @cached_property
     def loop_size(self) -> int:

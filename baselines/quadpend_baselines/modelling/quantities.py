@@ -60,9 +60,6 @@ class Derivatives(NamedTuple):
     drag: Four
 
 
-REFERENCE_VECTORS = 6  # of `Derivatives` in an array: those before d1
-
-
 @inlined
 def load_state(lanes: Any, first: int, lane: int) -> VehicleState:
     """Return the state in the 18 fields from `first`."""
