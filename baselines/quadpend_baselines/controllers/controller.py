@@ -89,12 +89,10 @@ class Hanging(PolicyWrapper):
 
     policy: Controller
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, Any]:
-        """Return action and memory; see `Policy.predict`."""
+    def observed(self, observation: Any) -> Any:
+        """Return the observation with the opposite direction of the pendulum."""
         mirrored = np.array(observation, np.float32)
         layout = self.policy.loop.observation
         for name in {"direction", "direction_rate"} & set(layout):
             mirrored[..., layout.columns[name]] *= -1.0
-        return self.policy.predict(mirrored, state, episode_start, deterministic)
+        return mirrored

@@ -25,14 +25,9 @@ class OutputFeedbackMemory(NamedTuple):
     action: Floats32  # the latest action, shape (n, 4); zeros at the start of an episode
 
 
-def command_of(law: Law, estimate: Estimate, memory: Any) -> tuple[Floats, Any]:
-    """Return what `Law.command` does."""
-    return law.command(estimate, memory)
-
-
 def actions_of(law: Law, simulation: Simulation, estimate: Estimate, memory: Any) -> tuple[Floats32, Any]:
     """Return the actions of a law, shape (n, 4), and its memory, for the estimate at the time when the actions act."""
-    command, after = command_of(law, nominal(estimate), memory)
+    command, after = law.command(nominal(estimate), memory)
     mass_ratio = estimate.mass_ratio[:, 0]
     if law.commands_actions:
         command[:, THRUST] = mass_ratio * (1.0 + command[:, THRUST]) - 1.0

@@ -7,7 +7,6 @@ import numpy as np
 from quadpend_baselines.estimation.measurement import errors_of
 from quadpend_baselines.policy.protocol import Policy, PolicyWrapper
 from quadpend_gym import Parameters
-from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK
 
@@ -19,11 +18,9 @@ class SelectedFields(PolicyWrapper):
         super().__init__(policy)
         self.columns = columns
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, Any]:
-        """Return action and memory of the wrapped policy; see `Policy.predict`."""
-        return self.policy.predict(np.asarray(observation)[..., self.columns], state, episode_start, deterministic)
+    def observed(self, observation: Any) -> Any:
+        """Return these columns."""
+        return np.asarray(observation)[..., self.columns]
 
 
 class FedErrors(PolicyWrapper):
@@ -40,13 +37,11 @@ class FedErrors(PolicyWrapper):
         super().__init__(policy)
         self.places, self.read, self.parameters = places, read, parameters
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, Any]:
-        """Return action and memory of the wrapped policy; see `Policy.predict`."""
-        observed = np.asarray(observation, np.float32)
-        errors = errors_of(np.atleast_2d(observed)[:, self.places], self.parameters)[:, self.read]
-        return self.policy.predict(errors.reshape(*observed.shape[:-1], -1), state, episode_start, deterministic)
+    def observed(self, observation: Any) -> Any:
+        """Return the errors that the policy reads."""
+        given = np.asarray(observation, np.float32)
+        errors = errors_of(np.atleast_2d(given)[:, self.places], self.parameters)[:, self.read]
+        return errors.reshape(*given.shape[:-1], -1)
 
 
 def fed_by_name(policy: Policy, scenario: Scenario) -> Policy:

@@ -46,12 +46,12 @@ from quadpend_baselines.hybrid.innovations import innovations_part
 from quadpend_baselines.hybrid.lab import NEAR, OUTPUT, lab_part
 from quadpend_baselines.hybrid.memory import memory_part
 from quadpend_baselines.hybrid.parts import (
+    MAGNIFICATION,
     InputPart,
     Seen,
     base_action_part,
     disturbance_part,
     estimated_part,
-    magnified,
     observed_part,
     read_inputs,
 )
@@ -62,7 +62,6 @@ from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 
 ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
 Reads = Literal["estimates", "measurements", "lab"]
@@ -223,7 +222,7 @@ class EstimateOnly(Hybrid):
         elif base.observer == "kalman":
             parts = [estimated_part("later", self._vehicle.rod_length), disturbance_part(weight)]
         else:
-            parts = [observed_part(range(size)), disturbance_part(weight)]
+            parts = [observed_part(size), disturbance_part(weight)]
         if self.situation:
             parts.append(situation_part(base.simulation.period, weight))
         if self.innovations:
@@ -277,13 +276,9 @@ class MemoryOnly(Hybrid):
         """The teacher, or no controller."""
         return NoController(Simulation()) if isinstance(self.base_controller, str) else self.base_controller
 
-    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
-        """Return this hybrid with its teacher, which reads errors, too."""
-        return super().designed_for(simulation, (loop or Loop()).of_errors)
-
     def flown_in(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
-        return replace(self, base_controller=NoController(simulation, (loop or Loop()).of_errors))
+        return replace(self, base_controller=NoController(simulation, loop and loop.of_errors))
 
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
@@ -297,14 +292,6 @@ class LabOnly(MemoryOnly):
     kind: ClassVar[str] = "lab_only"
     reads = "lab"
     output = OUTPUT
-
-    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
-        """Return this hybrid with its teacher, which reads `LAB`, too."""
-        return Hybrid.designed_for(self, simulation, loop)
-
-    def flown_in(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
-        """Return this hybrid without its teacher; see `Hybrid.flown_in`."""
-        return replace(self, base_controller=NoController(simulation, loop))
 
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
@@ -360,9 +347,9 @@ class ResidualAction(Hybrid):
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
         if self.controller.observer == "kalman":
-            state = estimated_part("estimate", self._vehicle.rod_length, magnified(OBSERVATION_SIZE))
+            state = estimated_part("estimate", self._vehicle.rod_length, MAGNIFICATION)
         else:
-            state = observed_part(range(size), magnified(size))
+            state = observed_part(size, MAGNIFICATION)
         return state, disturbance_part(self._vehicle.hover_thrust), base_action_part()
 
     def _first_action(self, updated: Any, rows: int) -> tuple[Floats32, Any]:

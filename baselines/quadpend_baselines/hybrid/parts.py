@@ -5,7 +5,7 @@ to its next memory. NumPy and numba compute it for n rows of numbers, CasADi for
 (`quadpend_gym.engines.lift`), from which gradients and C come. A memory of zeros is that at the start of an episode.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -16,8 +16,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START
 
-_ONES = (1.0,) * OBSERVATION_SIZE
-_MAGNIFICATION = 10.0  # factor on small deviations in the observation of a `ResidualAction`
+MAGNIFICATION = 10.0  # factor on small deviations in the observation of a `ResidualAction`
 
 
 class Seen(NamedTuple):
@@ -50,36 +49,30 @@ def read_inputs(parts: Sequence[InputPart], seen: Seen, memory: Floats) -> tuple
     return np.concatenate(inputs, axis=1), np.concatenate(memories, axis=1)
 
 
-def magnified(size: int) -> tuple[float, ...]:
-    """Return factors on an observation of `size` numbers for deviations that a base controller keeps small.
-
-    They magnify what depends on the state, which comes first.
-    """
-    states: int = size - OBSERVATION_SIZE + REFERENCE_START
-    return (_MAGNIFICATION,) * states + (1.0,) * (size - states)
+def _magnified(factor: float, observation: Any) -> Any:
+    """Return observations with a factor on what depends on the state, which comes first."""
+    size = observation.shape[1]
+    states = size - OBSERVATION_SIZE + REFERENCE_START
+    return np.asarray((factor,) * states + (1.0,) * (size - states), dtype="f4") * observation
 
 
-def _observed(numbers: tuple[tuple[int, ...], tuple[float, ...]], seen: Seen, memory: Any) -> tuple[Any, Any]:
-    columns, factors = numbers
-    return np.asarray(factors, dtype="f4") * seen.observation[:, list(columns)], memory
+def _observed(factor: float, seen: Seen, memory: Any) -> tuple[Any, Any]:
+    return _magnified(factor, seen.observation), memory
 
 
-def observed_part(columns: Iterable[int], factors: Iterable[float] = ()) -> InputPart:
-    """Return columns of the observation of the environment, times factors."""
-    chosen = tuple(columns)
-    return InputPart(len(chosen), 0, _observed, (chosen, tuple(factors) or (1.0,) * len(chosen)))
+def observed_part(size: int, factor: float = 1.0) -> InputPart:
+    """Return the observation of the environment, of `size` numbers, with a factor on what depends on the state."""
+    return InputPart(size, 0, _observed, factor)
 
 
-def _estimated(numbers: tuple[str, float, tuple[float, ...]], seen: Seen, memory: Any) -> tuple[Any, Any]:
-    when, rod_length, factors = numbers
-    return np.asarray(factors, dtype="f4") * observation_of(Estimate(getattr(seen, when)), rod_length), memory
+def _estimated(numbers: tuple[str, float, float], seen: Seen, memory: Any) -> tuple[Any, Any]:
+    when, rod_length, factor = numbers
+    return _magnified(factor, observation_of(Estimate(getattr(seen, when)), rod_length)), memory
 
 
-def estimated_part(
-    when: Literal["estimate", "later"], rod_length: float, factors: Iterable[float] = _ONES
-) -> InputPart:
-    """Return the observation of an estimated state, times factors; `when` is the field of `Seen`."""
-    return InputPart(OBSERVATION_SIZE, 0, _estimated, (when, rod_length, tuple(factors)))
+def estimated_part(when: Literal["estimate", "later"], rod_length: float, factor: float = 1.0) -> InputPart:
+    """Return the observation of an estimated state, as `observed_part`; `when` is the field of `Seen`."""
+    return InputPart(OBSERVATION_SIZE, 0, _estimated, (when, rod_length, factor))
 
 
 def _disturbance(weight: float, seen: Seen, memory: Any) -> tuple[Any, Any]:
@@ -97,4 +90,4 @@ def _base_action(factor: float, seen: Seen, memory: Any) -> tuple[Any, Any]:
 
 def base_action_part() -> InputPart:
     """Return the action of the base controller, magnified."""
-    return InputPart(ACTION_SIZE, 0, _base_action, _MAGNIFICATION)
+    return InputPart(ACTION_SIZE, 0, _base_action, MAGNIFICATION)

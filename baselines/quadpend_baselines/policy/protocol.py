@@ -70,7 +70,11 @@ class PolicyWrapper(Policy):
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
         """Return action and memory of the wrapped policy; see `Policy.predict`."""
-        return self.policy.predict(observation, state, episode_start, deterministic)
+        return self.policy.predict(self.observed(observation), state, episode_start, deterministic)
+
+    def observed(self, observation: Any) -> Any:
+        """Return what the wrapped policy observes, for one observation or for a batch."""
+        return observation
 
     def wrap(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
         """Return the environment of the wrapped policy."""

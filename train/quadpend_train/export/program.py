@@ -5,12 +5,14 @@ parts of the inputs, that of the control law, and the action of a base controlle
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from quadpend_baselines.controllers.output_feedback import OutputFeedback, actions_of, command_of
+from quadpend_baselines.controllers.output_feedback import OutputFeedback, actions_of
 from quadpend_baselines.estimation import deso, kalman, samples
 from quadpend_baselines.estimation.deso import DesoBank
 from quadpend_baselines.estimation.estimate import (
@@ -78,7 +80,7 @@ def program(policy: Any, simulation: Simulation, read: Sequence[int]) -> Program
     if not isinstance(policy, MlpPolicy):
         return _with_law(base)
     if hybrid is None:
-        found = _with_network(base, size, read, (observed_part(range(len(read))),), EstimateOnly)
+        found = _with_network(base, size, read, (observed_part(len(read)),), EstimateOnly)
     else:
         found = _with_network(base, size, read, hybrid.parts(len(read)), type(hybrid), hybrid)
     p = simulation.parameters
@@ -192,6 +194,9 @@ def _with_control(observer: Program, base: OutputFeedback, shift: Any) -> _Base:
     """Return an observer with the control law on its estimate, which `shift` changes while it is carried forward."""
     prediction, law_size = base.estimator.prediction, np.size(base._law.initial_memory(1))
     loop, rigid = numbers_of(prediction)
+    law: Any = SimpleNamespace(
+        command=partial(lift(type(base._law).command, _PLANT), base._law), commands_actions=base._law.commands_actions
+    )
 
     def arrive(memory: Any, later: Any) -> Any:
         after = arrived(later, prediction)
@@ -199,12 +204,9 @@ def _with_control(observer: Program, base: OutputFeedback, shift: Any) -> _Base:
             shift(columns(memory), after.T, 0, loop.plant.pendulum, rigid)
         return after
 
-    def command(law: Any, estimate: Estimate, memory: Any) -> Any:
-        return lift(type(law).command, _PLANT)(law, estimate, memory)
-
     def control(later: Any, law_memory: Any) -> tuple[Any, Any]:
-        act, last = lift(actions_of, {**_PLANT, command_of: command}), row(law_memory) if law_size else ()
-        action, after = act(base._law, base.simulation, Estimate(later), last)
+        last = row(law_memory) if law_size else ()
+        action, after = lift(actions_of, _PLANT)(law, base.simulation, Estimate(later), last)
         return vector(action), vector(after) if law_size else law_memory
 
     def seen(estimate: Any) -> Any:
