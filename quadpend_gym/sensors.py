@@ -19,7 +19,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
-from quadpend_gym.core.events import Interruptions, first_events, next_events, take_due
+from quadpend_gym.core.events import Events, Interruptions, next_events, take_due
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.models import FromFactory, Model, Registry, ZeroInitialized
 from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings
@@ -299,7 +299,7 @@ def _turned(r: Floats, error: Floats) -> Floats:
 
 @SENSORS.add
 @settings
-class Outliers:
+class Outliers(Events):
     """Single samples of a part of the state that are wrong, each by a vector of random direction.
 
     The vector is added to the position or to φ, θ and ψ; the pole is turned towards it, by π to the opposite direction.
@@ -312,10 +312,6 @@ class Outliers:
     part: Part = "position"  # what is wrong
     kind: Literal["outliers"] = "outliers"
     memory_size = 6  # of `core.events` with a length of 0, around the error (m)
-
-    def initial_memory(self, streams: Streams) -> Floats:
-        """Draw the first outlier."""
-        return first_events(self.memory_size, streams, self._draw_next)
 
     def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
         distance = tuple(np.broadcast_to(self.distance, 2))

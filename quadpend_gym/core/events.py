@@ -48,8 +48,19 @@ def take_due(memory: Floats, time: Any, streams: Streams, draw: Draw, otherwise:
     return found
 
 
+class Events:
+    """Mixin for models whose memory begins with the first event."""
+
+    memory_size: Any
+    _draw_next: Any
+
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Draw the first event of each episode."""
+        return first_events(self.memory_size, streams, self._draw_next)
+
+
 @settings
-class Interruptions:
+class Interruptions(Events):
     """Base class of models that hold their last values for a time, again and again; an episode begins with a pause.
 
     Values are held if the middle of their control period lies in an interruption.
@@ -60,10 +71,6 @@ class Interruptions:
     pause: Annotated[Interval, Range(0.0, 1e6, "s")] = (0.9, 0.9)  # time before each of them, uniform in this interval
     kind: str = ""
     memory_size = 3  # of an event, around the last values
-
-    def initial_memory(self, streams: Streams) -> Floats:
-        """Draw the first interruption."""
-        return first_events(self.memory_size, streams, self._draw_next)
 
     def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
         next_events(memory, ended, streams, self.pause, self.length)

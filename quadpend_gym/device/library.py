@@ -6,7 +6,7 @@ NVRTC and the driver are those that PyTorch brings; there is no other dependency
 import ctypes
 import site
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,8 @@ import torch
 
 from quadpend_gym.core.c_library import FAST, load_c
 
-OPTIONS = ("--fmad=true", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")  # of NVRTC
+_OPTIONS = ("--fmad=true", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")  # of NVRTC
+_THREADS = 128  # of a block of a GPU
 
 
 class Library:
@@ -25,20 +26,10 @@ class Library:
         device: ``"c"`` or a CUDA device of PyTorch.
         dtype: float32 or float64, the type of the numbers.
         motion: Whether the functions are those of `Motion`, else those of the environment.
-        threads: Threads of a block of a GPU.
-        options: Options of NVRTC.
     """
 
-    def __init__(
-        self,
-        source: str,
-        device: str,
-        dtype: torch.dtype,
-        motion: bool = False,
-        threads: int = 128,
-        options: tuple[str, ...] = OPTIONS,
-    ) -> None:
-        defines = f"#define THREADS {threads}\n" + "#define SINGLE\n" * (dtype is torch.float32)
+    def __init__(self, source: str, device: str, dtype: torch.dtype, motion: bool = False) -> None:
+        defines = f"#define THREADS {_THREADS}\n" + "#define SINGLE\n" * (dtype is torch.float32)
         defines += "#define MOTION\n" * motion
         self._context: Any = None
         self._find: Callable[[str], Any]
@@ -47,9 +38,9 @@ class Library:
             self._find = lambda name: getattr(library, name)
             self._launch: Any = lambda function, rows, values: function(rows, *values)
         else:
-            cubin = compile_cuda(defines + source, _architecture(device), options)
+            cubin = compile_cuda(defines + source, _architecture(device))
             self._context, self._module = _load_cubin(cubin)
-            self._find, self._launch = self._cuda_function, partial(_launch, threads)
+            self._find, self._launch = self._cuda_function, _launch
         self._functions: dict[str, Any] = {}
 
     def __call__(self, name: str, rows: int, *arguments: Any) -> None:
@@ -93,7 +84,7 @@ def _nvrtc() -> Any:
         raise ValueError(f"device='cuda' needs {name}, which the CUDA builds of PyTorch bring: {error}") from error
 
 
-def compile_cuda(source: str, architecture: str, options: tuple[str, ...] = OPTIONS, nvrtc: Any = None) -> bytes:
+def compile_cuda(source: str, architecture: str, nvrtc: Any = None) -> bytes:
     """Return machine code for an architecture such as ``"sm_90"``; it needs no GPU.
 
     Raises:
@@ -101,7 +92,7 @@ def compile_cuda(source: str, architecture: str, options: tuple[str, ...] = OPTI
     """
     library, program = nvrtc or _nvrtc(), ctypes.c_void_p()
     library.nvrtcCreateProgram(ctypes.byref(program), source.encode(), b"control_step.cu", 0, None, None)
-    every = f"--gpu-architecture={architecture}", "--std=c++17", "--device-as-default-execution-space", *options
+    every = f"--gpu-architecture={architecture}", "--std=c++17", "--device-as-default-execution-space", *_OPTIONS
     given = (ctypes.c_char_p * len(every))(*(option.encode() for option in every))
     failed = library.nvrtcCompileProgram(program, len(every), given)
 
@@ -127,12 +118,12 @@ def _load_cubin(cubin: bytes) -> Any:
     return context, module
 
 
-def _launch(threads: int, function: Any, rows: ctypes.c_longlong, values: list[Any]) -> None:
+def _launch(function: Any, rows: ctypes.c_longlong, values: list[Any]) -> None:
     arguments = [rows, *values]
     pointers = (ctypes.c_void_p * len(arguments))(*(ctypes.addressof(item) for item in arguments))
-    blocks = -(-rows.value // threads)
+    blocks = -(-rows.value // _THREADS)
     stream = ctypes.c_void_p(torch.cuda.current_stream().cuda_stream)
-    _check(_driver().cuLaunchKernel(function, blocks, 1, 1, threads, 1, 1, 0, stream, pointers, None))
+    _check(_driver().cuLaunchKernel(function, blocks, 1, 1, _THREADS, 1, 1, 0, stream, pointers, None))
 
 
 def _check(code: int) -> None:

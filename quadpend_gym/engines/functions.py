@@ -44,7 +44,7 @@ from quadpend_gym.tasks.observation import (
     observe_target,
     tracking_errors,
 )
-from quadpend_gym.tasks.references import POINT_SIZE, REFERENCE_SIZE, ReferencePoint, load_point
+from quadpend_gym.tasks.references import POINT_SIZE, REFERENCE_SIZE, load_point
 from quadpend_gym.tasks.trajectories import reference_at
 from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, ROD_LENGTH
@@ -122,10 +122,6 @@ def reference_function() -> Any:
     return _function("reference", x, point=vector(lift(reference_at)(columns(x["reference"]), 0, x["time"])))
 
 
-def _errors(state: Any, parameters: Any, point: ReferencePoint) -> Any:
-    return lift(tracking_errors)(state, 0, parameters[ROD_LENGTH], Target(point.d0, point.d1, point.yaw))
-
-
 @lru_cache(maxsize=1)
 def observation_function() -> Any:
     """Return the observation and its first part in metres, (state, parameters, point) → (observation, tracking_error).
@@ -135,10 +131,10 @@ def observation_function() -> Any:
     """
     x = _symbols(state=STATE_SIZE, parameters=PARAMETERS_SIZE, point=POINT_SIZE)
     state, point, out = columns(x["state"]), lift(load_point)(columns(x["point"]), 0), columns([], ALL.size)
-    tracking = _errors(state, x["parameters"], point)
+    target, p = Target(point.d0, point.d1, point.yaw), x["parameters"]
+    tracking = lift(tracking_errors)(state, 0, p[ROD_LENGTH], target)
     lift(observe_state)(state, 0, tracking, out, 0)
     lift(observe_reference)(point, 0, out)
     lift(observe_measured)(state, 0, 0.0, out, 0)
-    target, p = Target(point.d0, point.d1, point.yaw), x["parameters"]
     lift(observe_target)(target, p[ROD_LENGTH], p[BOB_MASS], 0, out)
     return _function("observation", x, observation=vector(out), tracking_error=vector(tracking.error))

@@ -67,21 +67,8 @@ class KernelSettings(NamedTuple):
     substeps: int  # Runge–Kutta steps in a control period
 
 
-class EulerStepSettings(NamedTuple):
-    """Settings of a control step of the paper's vehicle."""
-
-    task: KernelSettings
-    vehicle: EulerSettings
-
-
-class RigidStepSettings(NamedTuple):
-    """Settings of a control step of rigid vehicles."""
-
-    task: KernelSettings
-    vehicle: RigidSettings
-
-
-unpack_euler, unpack_rigid = unpacker(EulerStepSettings), unpacker(RigidStepSettings)
+unpack_euler = unpacker(tuple[KernelSettings, EulerSettings])
+unpack_rigid = unpacker(tuple[KernelSettings, RigidSettings])
 
 
 def make_weights(task: Task) -> KernelWeights:

@@ -48,7 +48,6 @@ from quadpend_gym.tasks.observation import (
     LAB_STATE_COLUMNS,
     STATE_COLUMNS,
     Target,
-    TrackingErrors,
     load_target,
     observe_measured,
     observe_reference,
@@ -120,20 +119,13 @@ def _measure_at(
     observation: Any,
     out: Any,
 ) -> None:
-    """Write the target, the reference's part of the observation, and column `lane` of an outcome."""
+    """Write the target, the reference's part of the observation, and reward, termination, tracking error and tilt."""
     observe_reference(point, lane, observation)
     target = Target(point.d0, point.d1, point.yaw)
     store_target(target, sensed, lane)
     sensed[layout.SENSED_ROD_LENGTH, lane] = rod_length
-    _measure(state, action, rod_length, lane, tracking_errors(state, lane, rod_length, target), task, out)
-
-
-@inlined
-def _measure(
-    state: Any, action: Any, rod_length: float, lane: int, tracking: TrackingErrors, settings: Any, out: Any
-) -> None:
-    """Write reward, termination, tracking error and tilt into column `lane` of an outcome."""
-    r, limits, weights = load(state, DIRECTION, lane), settings.limits, settings.weights
+    tracking = tracking_errors(state, lane, rod_length, target)
+    r, limits, weights = load(state, DIRECTION, lane), task.limits, task.weights
     cosine = limits.side * r.z
     terms = reward_terms(tracking.error, cosine, tracking.yaw_error, action, lane, weights.tip)
     store_four(out, rows.TRACKING_TERM, lane, terms)
@@ -292,7 +284,7 @@ def run_euler(
         action: Shape (n, 4), each component in [−1, 1]; the reward counts it, even where it acts later.
         loops: The loop of each sub-environment, shape (10 + s, n), or of all, shape (10 + s, 1), see `plant_kernel`.
         points: `TrajectoryTable.points` at the time of `MEASURE`.
-        settings: A packed `EulerStepSettings`.
+        settings: Those of `kernel_layout.pack_settings`.
         observation: Output, shape (n, m), laid out as `quadpend_gym.tasks.observation.ALL`, or as `FULL`.
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
         begin: A multiple of 64.
@@ -321,7 +313,7 @@ def run_rigid(
     begin: int,
     end: int,
 ) -> int:
-    """As `run_euler`, for rigid vehicles; `settings` are a packed `RigidStepSettings`."""
+    """As `run_euler`, for rigid vehicles."""
     task, vehicle = layout.unpack_rigid(settings)
     inputs = memory, clock, columns, action, loops, points
     return int(_run(RIGID_KERNEL, stages, *inputs, task, vehicle, observation, outcome, begin, end))

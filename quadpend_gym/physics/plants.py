@@ -67,10 +67,10 @@ class EulerPlant:
         """Return the memory of vehicles at hover thrust with states of shape (n, 18), shape (n, k)."""
         return np.empty((len(state), 0))
 
-    def command(self, action: Floats32 | Floats, memory: Floats | None = None) -> Floats:
+    def command(self, action: Floats32 | Floats) -> Floats:
         """Return the thrust (N) and torques (N·m) of actions, both of shape (n, 4).
 
-        Rigid vehicles: their mean over a control period that begins with `memory`, by default at hover.
+        Rigid vehicles: their mean over a control period that begins at hover.
         """
         return np.asarray(self._scale * _HOVER + self._scale * action)
 
@@ -99,7 +99,7 @@ class EulerPlant:
         """
         loops = np.repeat(nominal_loop(self.simulation)[:, np.newaxis], len(state), axis=1)
         arrays = state, memory, np.asarray(action, np.float64), loops, disturbance, parameters
-        self._advance(*arrays, self._packed, self.simulation.period, self.simulation.substeps)
+        self._advance(self._packed, *arrays, self.simulation.period, self.simulation.substeps)
 
     @cached_property
     def _packed(self) -> Floats:
@@ -125,8 +125,8 @@ class RigidPlant(EulerPlant):
         return rigid_from_state(state, self.simulation)
 
     @override
-    def command(self, action: Floats32 | Floats, memory: Floats | None = None) -> Floats:
-        return mean_wrench(action, self._hovering(len(action)) if memory is None else memory, self.simulation)
+    def command(self, action: Floats32 | Floats) -> Floats:
+        return mean_wrench(action, self._hovering(len(action)), self.simulation)
 
     @override
     def actions_for(self, command: Floats, memory: Floats | None = None) -> Floats32:

@@ -5,14 +5,14 @@ from typing import Annotated, Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.events import first_events, next_events, take_due
+from quadpend_gym.core.events import Events, next_events, take_due
 from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.tasks.references import CHANNELS
 
 
 @settings
-class Jumps:
+class Jumps(Events):
     """Jumps of the reference's position and yaw; its derivatives do not change."""
 
     # horizontal distance of a jump, uniform in this interval, to a random side
@@ -25,10 +25,6 @@ class Jumps:
     def __post_init__(self) -> None:
         if self.distance[1] == 0.0 and self.yaw[1] == 0.0:
             raise ValueError("jumps must have a distance or a yaw above zero")
-
-    def initial_memory(self, streams: Streams) -> Floats:
-        """Draw the first jump."""
-        return first_events(self.memory_size, streams, self._draw_next)
 
     def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
         bounds = (0.0, 0.0), self.distance, (-np.pi, np.pi), self.yaw, (-1.0, 1.0)

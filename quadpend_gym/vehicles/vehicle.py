@@ -5,7 +5,7 @@ Frames: world z up; body x forward, y left, z up, with its origin in the body's 
 
 import re
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -58,10 +58,6 @@ class Vehicle:
             _check_euler(self)
         if self.rotors is not None:
             _check_rotors(self, self.rotors)
-
-    def is_like(self, other: "Vehicle") -> bool:
-        """Return whether another vehicle is the same, whatever both are called."""
-        return replace(self, name=other.name) == other
 
     @property
     def inertia_matrix(self) -> Floats:

@@ -37,13 +37,13 @@ class Shape(NamedTuple):
 PAPER_SHAPE = Shape(ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
 
 
-def shape_of(vehicle: Vehicle | None) -> Shape:
-    """Return the sizes of a vehicle; None is the paper's.
+def shape_of(vehicle: Vehicle) -> Shape:
+    """Return the sizes of a vehicle.
 
     The camera is so far away that the whole pole is in the picture, and the arrow of a force is as long compared with
     the distance as that of the same fraction of the weight with the paper's vehicle.
     """
-    if vehicle is None or vehicle == VEHICLES["paper"]:
+    if vehicle == VEHICLES["paper"]:
         return PAPER_SHAPE
     spins: tuple[int, ...]
     if vehicle.rotors is not None:

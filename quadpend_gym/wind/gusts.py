@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.events import first_events, next_events, present_events
+from quadpend_gym.core.events import Events, next_events, present_events
 from quadpend_gym.core.models import Stateless
 from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import Streams
@@ -17,7 +17,7 @@ __all__ = ["Gusts", "PaperGusts"]
 
 @WINDS.add
 @settings
-class Gusts(Loads):
+class Gusts(Events, Loads):
     """A sequence of one-minus-cosine gusts with pauses between them.
 
     A gust with onset t₀ and length T is load · ½ (1 − cos 2π (t − t₀)/T), rotated about the vertical by its heading.
@@ -38,10 +38,6 @@ class Gusts(Loads):
             raise ValueError(
                 "torque must be 0 for gusts: the heading of a gust rotates world-frame vectors, and a torque is not one"
             )
-
-    def initial_memory(self, streams: Streams) -> Floats:
-        """Draw the first gust."""
-        return first_events(self.memory_size, streams, self._draw_next)
 
     def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
         """Draw the next gust of the sub-environments `ended`, a boolean mask of shape (n,)."""

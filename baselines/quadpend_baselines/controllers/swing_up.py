@@ -229,8 +229,8 @@ def tracked_plan(gains: SwingUpGains, simulation: Simulation) -> TrackedPlan:
 def _plan(simulation: Simulation) -> tuple[Floats, Floats]:
     """Return x_k and a_k of the plan for a vehicle."""
     for path, planned in PLANS.items():
-        alike = replace(planned, vehicle=simulation.vehicle, substeps=simulation.substeps, latency=simulation.latency)
-        if simulation.vehicle.is_like(planned.vehicle) and simulation == alike:
+        vehicle = replace(planned.vehicle, name=simulation.vehicle.name)
+        if simulation == replace(planned, vehicle=vehicle, substeps=simulation.substeps, latency=simulation.latency):
             numbers = np.loadtxt(path, delimiter=",", skiprows=1)
             return numbers[:, :STATE_SIZE], numbers[:-1, STATE_SIZE:]
     raise ValueError(
