@@ -20,7 +20,7 @@ from gymnasium.vector.utils import batch_space
 from quadpend_gym import __version__
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.device.library import Library
-from quadpend_gym.envs.spaces import action_space, observation_space
+from quadpend_gym.envs.spaces import spaces_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 from quadpend_gym.scenarios.library import as_scenario
 from quadpend_gym.scenarios.scenario import Scenario, scenario_data
@@ -108,10 +108,7 @@ class QuadPendulumDeviceEnv(VectorEnv[Any, Any, Any]):
         self.device, self.dtype = torch.device("cpu" if device == "c" else device), _dtype(dtype)
         made = Kernel.of(self.scenario, kernel)
         self.library, self.sizes = Library(made.source, device, self.dtype), made.sizes
-        layout = self.scenario.observation
-        self.single_observation_space = observation_space(layout.size, layout=tuple(layout))
-        meaning = {"interface": self.scenario.interface, "vehicle": self.scenario.vehicle.name}
-        self.single_action_space = action_space(**meaning)
+        self.single_observation_space, self.single_action_space = spaces_of(self.scenario)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._size = self.sizes["observation"]

@@ -14,7 +14,7 @@ from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import NAMES, read_reset_options
-from quadpend_gym.envs.spaces import action_space, observation_space
+from quadpend_gym.envs.spaces import spaces_of
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.library import as_scenario
@@ -129,10 +129,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         self.render_mode = render_mode
         self.world = World(1, self.scenario)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
-        layout = self.scenario.observation
-        self.observation_space = observation_space(layout.size, layout=tuple(layout))
-        self.action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
-        self._observed = 0, self.world.observed.select(layout)
+        self.observation_space, self.action_space = spaces_of(self.scenario)
+        self._observed = 0, self.world.observed.select(self.scenario.observation)
         self._steps: float = self.scenario.steps  # after which the environment truncates an episode
         self._seeded = False
 

@@ -6,6 +6,7 @@ import numpy as np
 from gymnasium import spaces
 
 from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.scenarios.scenario import Scenario
 
 
 def observation_space(size: int, **meaning: Any) -> spaces.Box:
@@ -23,6 +24,13 @@ def action_space(**meaning: str) -> spaces.Box:
     with it, so a file tells what its actions command.
     """
     return _meaning(spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32), meaning)
+
+
+def spaces_of(scenario: Scenario) -> tuple[spaces.Box, spaces.Box]:
+    """Return the spaces of one observation and of one action in a scenario."""
+    layout = scenario.observation
+    seen = observation_space(layout.size, layout=tuple(layout))
+    return seen, action_space(interface=scenario.interface, vehicle=scenario.vehicle.name)
 
 
 def _meaning(space: spaces.Box, meaning: dict[str, Any]) -> spaces.Box:

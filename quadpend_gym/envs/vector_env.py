@@ -16,7 +16,7 @@ from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import NAMES, read_reset_options
-from quadpend_gym.envs.spaces import action_space, observation_space
+from quadpend_gym.envs.spaces import spaces_of
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.library import as_scenario
@@ -75,12 +75,10 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self.world = World(num_envs, self.scenario, self.num_threads)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
-        layout = self.scenario.observation
-        self.single_observation_space = observation_space(layout.size, layout=tuple(layout))
-        self.single_action_space = action_space(interface=self.scenario.interface, vehicle=self.scenario.vehicle.name)
+        self.single_observation_space, self.single_action_space = spaces_of(self.scenario)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._columns = self.world.observed.select(layout)
+        self._columns = self.world.observed.select(self.scenario.observation)
         self._ended = np.zeros(num_envs, np.bool_)
         self._seeded = np.zeros(num_envs, np.bool_)
 

@@ -80,7 +80,6 @@ class Estimate(_Rows):
     place = _Part(PLACE, REFERENCE)
     yaw = _Part(YAW, MASS_RATIO)
     mass_ratio = _Part(MASS_RATIO, AGE)  # shape (n, 1)
-    innovation = _Part(INNOVATION, RIGID_PART)
     rigid = _Part(RIGID_PART, ANCHOR)
 
     @property

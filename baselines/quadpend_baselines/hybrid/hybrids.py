@@ -63,7 +63,6 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE
 
-ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
 Reads = Literal["estimates", "measurements", "lab"]
 
 
@@ -342,7 +341,7 @@ class ResidualAction(Hybrid):
 
     kind: ClassVar[str] = "residual_action"
     base_controller: Any = "flatness"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
-    action_scale: ActionScale = 0.3
+    action_scale: Annotated[float, Range(1e-6, 3.0)] = 0.3  # κ
 
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
