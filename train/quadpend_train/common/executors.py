@@ -35,22 +35,13 @@ class CallsFailedError(RuntimeError):
             reason: Any = "its process was killed, perhaps for lack of memory: use fewer jobs" if killed else error
             lines.append(f"  {named}: {brief(reason, _LONGEST)}")
         super().__init__("\n".join(lines))
-        self.failures = dict(failures)
 
 
-def run(
-    calls: Mapping[Name, Call],
-    jobs: int = 1,
-    *,
-    done: Callable[[Name, Any], object] = lambda name, result: None,
-    what: str = "job",
-    finished: int = 0,
-) -> dict[Name, Any]:
+def run(calls: Mapping[Name, Call], jobs: int = 1, *, what: str = "job", finished: int = 0) -> dict[Name, Any]:
     """Run calls, which can be pickled, with a progress bar, and return their results by name.
 
-    `jobs` is the number of processes. `done` is called in this process with the name and the result of each call that
-    succeeds, as soon as it ends. A message about failures says what a call is (`what`). The progress bar begins with
-    `finished` calls. CallsFailedError is raised when all calls have ended.
+    `jobs` is the number of processes. A message about failures says what a call is (`what`). The progress bar begins
+    with `finished` calls. CallsFailedError is raised when all calls have ended.
     """
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, not {jobs}")
@@ -64,8 +55,6 @@ def run(
                     results[name] = result()
                 except Exception as error:
                     failures[name] = error
-                else:
-                    done(name, results[name])
                 bar.update()
         except BaseException:  # also an interruption: leave no process behind
             if not ended:

@@ -8,9 +8,9 @@ anew.
 import hashlib
 import json
 from collections.abc import Hashable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -30,19 +30,18 @@ Name = TypeVar("Name", bound=Hashable)
 
 
 class Job(NamedTuple):
-    """One evaluation: the arguments of `run_episodes`."""
+    """One evaluation: arguments of `run_episodes`."""
 
     policies: list[Policy]
     scenario: Scenario
     episodes: int
     seed: int
-    options: dict[str, Any] | None = None
     known: Scenario | None = None
     enough: float = np.inf
 
     def __call__(self) -> EpisodeResults:
         """Run the episodes."""
-        return run_episodes(*self)
+        return run_episodes(**self._asdict())
 
     def file(self, folder: Path | None) -> Path | None:
         """Return the file of the cached results; None without a folder, or if the job contains the user's own code."""
@@ -50,8 +49,8 @@ class Job(NamedTuple):
         if folder is None or None in fingerprints or own_models((self.scenario, self.known)):
             return None
         scenarios = [scenario_data(scenario) for scenario in (self.scenario, self.known) if scenario]
-        parts = [fingerprints, scenarios, self.episodes, self.seed, self.options, self.enough, code_hash()]
-        text = json.dumps(parts, sort_keys=True, default=lambda array: array.tolist())
+        parts = [fingerprints, scenarios, self.episodes, self.seed, self.enough, code_hash()]
+        text = json.dumps(parts, sort_keys=True)
         return folder / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
 
 
@@ -71,28 +70,19 @@ def run_jobs(
     """Run all jobs and return their results, which do not depend on `processes`; only missing results are computed."""
     loaded = {name: _load(job.file(cache_folder)) for name, job in jobs.items()}
     results = {name: result for name, result in loaded.items() if result}
-    missing: dict[Name, Any] = {name: job for name, job in jobs.items() if name not in results}
-
-    def save(name: Name, result: EpisodeResults) -> None:
-        _save(jobs[name].file(cache_folder), result)
-
-    results |= run(missing, processes, done=save, finished=len(results))
+    missing = {name: partial(run_job, job, cache_folder) for name, job in jobs.items() if name not in results}
+    results |= run(missing, processes, finished=len(results))
     return {name: results[name] for name in jobs}
 
 
 def run_job(job: Job, cache_folder: Path | None = None) -> EpisodeResults:
     """Return the results of one job, in this process and without a progress bar."""
     if not (result := _load(path := job.file(cache_folder))):
-        _save(path, result := job())
+        result = job()
+        if path:
+            with atomic(path) as unfinished, unfinished.open("wb") as file:
+                np.savez(file, **result._asdict())
     return result
-
-
-def _save(path: Path | None, result: EpisodeResults) -> None:
-    """Write results into the cache, if they have a file there."""
-    if path:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic(path) as unfinished, unfinished.open("wb") as file:
-            np.savez(file, **result._asdict())
 
 
 def _load(path: Path | None) -> EpisodeResults | None:
