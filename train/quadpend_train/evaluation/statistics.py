@@ -95,7 +95,7 @@ def proportion(successes: Booleans) -> Interval:
     centre, half = p + 0.5 * z**2 / n, z * np.sqrt((p * (1.0 - p) + 0.25 * z**2 / n) / n)
     low, high = np.array([centre - half, centre + half]) / (1.0 + z**2 / n)
     pooled = Interval(p, float(np.clip(low, 0.0, p)), float(np.clip(high, p, 1.0)))  # rounding moves the ends beyond
-    return _widen_over_seeds(pooled, flights.mean(axis=1), 0.0)
+    return pooled if len(flights) == 1 else pooled.widened(mean(flights.mean(axis=1)).clipped(0.0, 1.0))
 
 
 def least_proportion(successes: Booleans) -> float:
@@ -154,11 +154,6 @@ def _with_two_flights(differences: Floats) -> Floats:
     """
     seeds, scenarios, _ = differences.shape
     return np.hstack([differences.mean(axis=1), np.tile([1.0 / scenarios, -1.0 / scenarios], (seeds, 1))])
-
-
-def _widen_over_seeds(pooled: Interval, values: Floats, least: float) -> Interval:
-    """Widen the interval of the pooled episodes by (1) if there are several seeds; values are from `least` to 1."""
-    return pooled if len(values) == 1 else pooled.widened(mean(values).clipped(least, 1.0))
 
 
 def mean(values: Floats) -> Interval:
