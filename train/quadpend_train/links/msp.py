@@ -30,7 +30,6 @@ class Message(NamedTuple):
 
     command: int
     payload: bytes
-    is_refused: bool
 
 
 def request(command: int, payload: bytes = b"", direction: bytes = b"<") -> bytes:
@@ -93,7 +92,7 @@ class Reader:
                 return found
             body = self._rest[3:end]
             if direction and direction in self._directions and reduce(xor, body) == 0:
-                found.append(Message(body[1], body[2:-1], direction == b"!"))
+                found.append(Message(body[1], body[2:-1]))
                 self._rest = self._rest[end:]
             else:
                 self._rest = self._rest[2:]
