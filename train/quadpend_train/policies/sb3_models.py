@@ -49,9 +49,13 @@ def algorithm_class(name: str) -> Any:
     return found[name.lower()]
 
 
-def is_on_policy(model: Any) -> bool:
-    """Return whether a model is on-policy: PPO's policy has an `action_net`, the policies of SAC and TQC an `actor`."""
-    return hasattr(model.policy, "action_net")
+def mean_action(model: Any, observation: torch.Tensor) -> torch.Tensor:
+    """Return the deterministic action as a differentiable tensor; PPO's policy does not bound it."""
+    policy = model.policy
+    if not hasattr(policy, "action_net"):
+        return policy.actor._predict(observation, deterministic=True)  # type: ignore[no-any-return]
+    features = policy.extract_features(observation, policy.pi_features_extractor)
+    return policy.action_net(policy.mlp_extractor.forward_actor(features))  # type: ignore[no-any-return]
 
 
 def actor_modules(model: Any) -> list[torch.nn.Module]:

@@ -44,13 +44,13 @@ import numpy as np
 import torch
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
-from torch import Tensor
 
 from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import FULL, OUTPUT_FEEDBACK
 from quadpend_train.envs.concatenated import worlds
+from quadpend_train.policies.sb3_models import mean_action
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.flight import Flights, Step, check_covered, reference_points
 from quadpend_train.training.settings import ALONE, ApgSettings, TrainSettings
@@ -90,7 +90,7 @@ class APG(OnPolicyAlgorithm):
         belief, scored = torch.as_tensor(believed), np.zeros(env.num_envs)
         self._falls, costs, settled = 0, torch.zeros(env.num_envs, 2, dtype=torch.float64), []
         for _ in range(self.apg.window):
-            action = self._mean_action(observation)
+            action = mean_action(self, observation)
             applied = action if hybrid is None else hybrid.output * action + hybrid.builds_on(observation, 0.0)
             time = everything[0].simulation.period * (1.0 + _gather(everything, "clock"))
             reference = _gather(everything, "reference")
@@ -168,35 +168,14 @@ class APG(OnPolicyAlgorithm):
             self._last_obs = env.restart(rows)
             self._last_episode_starts = np.asarray(self._last_episode_starts) | rows
 
-    def _mean_action(self, observation: Tensor) -> Tensor:
-        policy: Any = self.policy
-        features = policy.extract_features(observation, policy.pi_features_extractor)
-        mean: Tensor = policy.action_net(policy.mlp_extractor.forward_actor(features))
-        return mean
-
     def save(self, path: Any, *_: Any, **__: Any) -> None:
-        """Write everything that training changes to an npz archive, which executes no code when it is loaded."""
-        arrays = {f"policy.{name}": value.numpy() for name, value in self.policy.state_dict().items()}
-        for number, values in self.policy.optimizer.state_dict()["state"].items():
-            arrays |= {f"optimizer.{number}.{name}": value.numpy() for name, value in values.items()}
-        counts = np.array([self.num_timesteps, self._n_updates])
-        with Path(path).open("wb") as file:
-            np.savez(file, counts=counts, **arrays)
+        """Write everything that training changes; loading it executes no code."""
+        counts = self.num_timesteps, self._n_updates
+        torch.save((counts, self.policy.state_dict(), self.policy.optimizer.state_dict()), path)
 
     def restore(self, path: Path) -> None:
         """Read what `save` has written."""
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            arrays = {name: torch.as_tensor(data[name]) for name in data.files}
-        self.num_timesteps, self._n_updates = arrays.pop("counts").tolist()
-        optimizer = self.policy.optimizer.state_dict()
-        weights: dict[str, Tensor] = {}
-        for name, value in arrays.items():
-            part, _, rest = name.partition(".")
-            if part == "policy":
-                weights[rest] = value
-            else:
-                number, _, key = rest.partition(".")
-                optimizer["state"].setdefault(int(number), {})[key] = value
+        (self.num_timesteps, self._n_updates), weights, optimizer = torch.load(path, weights_only=True)
         self.policy.load_state_dict(weights)
         self.policy.optimizer.load_state_dict(optimizer)
 

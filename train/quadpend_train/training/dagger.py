@@ -22,7 +22,7 @@ import torch
 
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.policies.sb3_models import is_on_policy, linear_layers
+from quadpend_train.policies.sb3_models import linear_layers, mean_action
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings
 
@@ -110,16 +110,9 @@ class Imitation:
         inputs, labels = torch.as_tensor(observations), torch.as_tensor(actions)
         for rate in learning_rates:
             batch = torch.as_tensor(self.random.integers(len(inputs), size=min(_BATCH_SIZE, len(inputs))))
-            error = _mean_action(self.model, inputs[batch]) - labels[batch]
+            error = mean_action(self.model, inputs[batch]) - labels[batch]
             loss = (error.pow(2).sum(dim=1) + _EPSILON**2).sqrt().mean()
             self.optimizer.param_groups[0]["lr"] = float(rate)
             self.optimizer.zero_grad()
             torch.autograd.backward(loss)
             self.optimizer.step()
-
-
-def _mean_action(model: Any, observation: Any) -> Any:
-    """Return the deterministic action as a differentiable tensor."""
-    if is_on_policy(model):
-        return model.policy.get_distribution(observation).distribution.mean
-    return model.actor._predict(observation, deterministic=True)
