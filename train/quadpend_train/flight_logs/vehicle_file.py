@@ -68,7 +68,7 @@ def vehicle_text(found: Found, start: Vehicle) -> str:
             f"# Thrust, N, by command u and voltage V: {k} ((1 − {share}) u² + {share} u) (V/{NOMINAL:g})^{exponent}"
         )
         lines.append(f"# {source('thrust_coefficient', *COMMANDS)}")
-    return "\n".join([*lines, vehicle_toml(found.vehicle, comments, _plain)])
+    return "\n".join([*lines, vehicle_toml(found.vehicle, comments, _inline)])
 
 
 def training_text(found: Found, start: Vehicle, path: Path) -> str:
@@ -99,7 +99,7 @@ def training_text(found: Found, start: Vehicle, path: Path) -> str:
             *ranges,
             "[defaults.loop]  # factors",
             f"thrust = {thrust}",
-            f"rotor_lag = {_plain(lag)}",
+            f"rotor_lag = {_inline(lag)}",
             "",
             *tables,
         ]
@@ -126,14 +126,10 @@ def _interval(estimate: Estimate) -> str:
     return f"{estimate.name} {low:.4g} to {high:.4g} {QUANTITIES[estimate.name].unit}"
 
 
-def _plain(value: Any) -> str:
-    if isinstance(value, str):
-        return json.dumps(value)
-    return f"[{', '.join(map(_plain, value))}]" if isinstance(value, list | tuple) else f"{value:g}"
-
-
 def _inline(value: Any) -> str:
-    """Return data of a TOML file in one line."""
+    """Return data of a TOML file in one line, numbers with six digits."""
     if isinstance(value, dict):
         return f"{{{', '.join(f'{name} = {_inline(each)}' for name, each in value.items())}}}"
-    return json.dumps(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_inline, value))}]"
+    return f"{value:g}" if isinstance(value, float) else json.dumps(value)
