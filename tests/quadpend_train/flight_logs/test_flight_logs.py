@@ -19,6 +19,7 @@ from quadpend_train.flight_logs.log import Columns, FlightLog, make_log, pole_mo
 from quadpend_train.flight_logs.readers import PX4, read_log
 from quadpend_train.flight_logs.replay import Thrust, compare, errors, fly, windows_of, without_pole
 from quadpend_train.flight_logs.vehicle_file import write_vehicle
+from tests.helpers.logs import save
 
 SEED = 1
 DATA, NANOBENCH = Path("tests/data/nanobench"), "experiments/columns/nanobench.toml"
@@ -41,7 +42,7 @@ def hanging() -> FlightLog:
 
 
 def motors_table(log: FlightLog, path: Path) -> pd.DataFrame:
-    log.save(path)
+    save(log, path)
     return pd.read_csv(path)
 
 
@@ -57,7 +58,7 @@ def test_a_replay_of_an_exact_log_repeats_it_with_its_pole(side: float) -> None:
 
 
 def test_a_log_survives_its_csv_file(log: FlightLog, tmp_path: Path) -> None:
-    log.save(tmp_path / "log.csv")
+    save(log, tmp_path / "log.csv")
     again = read_log(tmp_path / "log.csv")
     assert again.period == pytest.approx(log.period)
     for name in ("position", "velocity", "quaternion", "rate", "motors"):
@@ -276,7 +277,7 @@ def test_training_takes_the_vehicle_and_its_ranges(found: Found, tmp_path: Path)
 def test_the_command_prints_the_errors_of_each_channel(
     hanging: FlightLog, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hanging.save(tmp_path / "log.csv")
+    save(hanging, tmp_path / "log.csv")
     (tmp_path / "columns.toml").write_text('pole_direction = ["rx", "ry", "rz"]')
     given = ["--columns", str(tmp_path / "columns.toml")]
     main(["replay", str(tmp_path / "log.csv"), "--vehicle", "crazyflie-brushless", *given])

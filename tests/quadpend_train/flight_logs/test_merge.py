@@ -14,6 +14,7 @@ from quadpend_train.flight_logs.identify import identify
 from quadpend_train.flight_logs.log import FlightLog, rate_of_attitude
 from quadpend_train.flight_logs.merge import merge
 from quadpend_train.flight_logs.replay import compare
+from tests.helpers.logs import save
 
 VEHICLE, START, TRUTH = random_vehicle(1)
 SHIFT, DRIFT, DURATION = 3.2137, 60e-6, 20.0  # s, s/s, s
@@ -71,8 +72,8 @@ def test_logs_of_two_flights_are_refused(companion: FlightLog, blackbox: FlightL
 def test_replay_takes_a_blackbox_for_its_log(
     companion: FlightLog, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    companion.save(tmp_path / "log.csv")
-    companion.cut(321, len(companion)).save(tmp_path / "gyro.csv")
+    save(companion, tmp_path / "log.csv")
+    save(companion.cut(321, len(companion)), tmp_path / "gyro.csv")
     command = "replay", str(tmp_path / "log.csv"), "--vehicle", "hummingbird", "--blackbox", str(tmp_path / "gyro.csv")
     main([*command])
     shown = capsys.readouterr().out

@@ -6,7 +6,6 @@ World frame: z up. Body frame: x forward, y left, z up. Quaternions are w, x, y,
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -44,7 +43,7 @@ Four = tuple[str, str, str, str]
 
 @settings
 class Columns:
-    """Names and units of the columns of a log. The default is that of the logs that `FlightLog.save` writes."""
+    """Names and units of the columns of a log."""
 
     time: str = "time"
     position: Three | None = ("x", "y", "z")  # m; None: the log has neither position nor velocity
@@ -158,15 +157,6 @@ class FlightLog:
         pole = None if self.pole is None else self.pole[cut]
         voltage = self.voltage if len(self.voltage) == 1 else self.voltage[cut]
         return replace(self, pole=pole, voltage=voltage, **{name: getattr(self, name)[cut] for name in arrays})
-
-    def save(self, path: str | Path) -> None:
-        """Write a CSV file with the default columns, and rx, ry, rz for the direction of the pole."""
-        names = [DEFAULT.time, "x", "y", "z", "vx", "vy", "vz", "qw", "qx", "qy", "qz", "wx", "wy", "wz"]
-        arrays = (self.period * np.arange(len(self)), self.position, self.velocity, self.quaternion, self.rate)
-        table = pd.DataFrame(np.column_stack([*arrays, self.motors]), columns=[*names, *DEFAULT.motors])
-        if self.pole is not None:
-            table[["rx", "ry", "rz"]] = self.pole[:, :3]
-        table[self.valid].to_csv(path, index=False)
 
 
 def make_log(name: str, table: pd.DataFrame, columns: Columns) -> FlightLog:
