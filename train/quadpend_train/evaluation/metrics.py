@@ -13,7 +13,6 @@ import pandas as pd
 
 from quadpend_gym.envs.outcome import CAUSES
 from quadpend_train.evaluation.episodes import EpisodeResults
-from quadpend_train.evaluation.formatting import format_interval
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
 
 Cell = tuple[str, str]  # names of a scenario and of a policy
@@ -32,7 +31,6 @@ class Metric(NamedTuple):
     unit: str = ""
     factor: float = 1.0  # from the SI units of the table to `unit`
     estimate: Callable[[Any], Interval] = mean  # of values of shape (s, n)
-    show: Callable[[Interval], str] = format_interval
 
 
 def _failures(successes: Any) -> Interval:
@@ -42,7 +40,7 @@ def _failures(successes: Any) -> Interval:
 
 METRICS = {
     "survival": Metric("survived", "%", 100.0, proportion),
-    "falls": Metric("survived", estimate=_failures, show=lambda count: f"{count.value:.0f}"),
+    "falls": Metric("survived", estimate=_failures),
     "penalised_rmse": Metric("penalised_rmse", "mm", 1000.0),
     "rmse_of_survivors": Metric("rmse", "mm", 1000.0),
     "settled_rmse": Metric("settled_rmse", "mm", 1000.0),

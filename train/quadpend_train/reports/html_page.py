@@ -4,7 +4,6 @@
 """
 
 import datetime
-from collections.abc import Callable
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -64,8 +63,8 @@ def style(i: int) -> dict[str, str]:
     return {"colour": figures.colour(i).replace("#000000", "currentColor"), "dashes": dashes}
 
 
-def _estimate(interval: Interval, show: Callable[[Interval], str] = format_interval) -> Markup:
-    value, _, ends = show(interval).partition(" ")
+def _estimate(interval: Interval) -> Markup:
+    value, _, ends = format_interval(interval).partition(" ")
     return Markup(f"{value} <small>{ends}</small>" if ends else value)
 
 

@@ -32,7 +32,7 @@ def metric_rows(comparison: Comparison) -> Rows:
     units = {name: METRICS[name].unit and f" ({METRICS[name].unit})" for name in METRIC_COLUMNS}
     rows: Rows = [["scenario", "policy", *(name.replace("_", " ") + unit for name, unit in units.items())]]
     for cell, summary in comparison.summaries.items():
-        texts = {name: METRICS[name].show(summary[name]) for name in METRIC_COLUMNS}
+        texts = {name: format_interval(summary[name]) for name in METRIC_COLUMNS}
         rows.append([*cell, *(texts | {"falls": comparison.falls[cell]}).values()])
     return rows
 
