@@ -1,8 +1,7 @@
 """Speed of the environments, compared with other environments in the same run, for docs/accuracy.md.
 
 `make bench` runs this file as ``python -m benchmarks.speed``. Each rate is the best of several rounds in one process
-with one thread, unless its name says otherwise. The environments receive a small fixed action at every step, and the
-rates include resets.
+with one thread. The environments receive a small fixed action at every step, and the rates include resets.
 """
 
 import argparse
@@ -35,23 +34,23 @@ Call = tuple[Callable[[], Any], float]  # a function and what one call makes, us
 Key = tuple[str, str]  # row and column of a table of rates
 
 
-def best_rates(calls: dict[Key, Call], clock: Callable[[], float] = time.process_time) -> dict[Key, float]:
-    """Return what each call makes per second of processor time, or of another clock: the best of several rounds.
+def best_rates(calls: dict[Key, Call]) -> dict[Key, float]:
+    """Return what each call makes per second of processor time: the best of several rounds.
 
     Every round times all calls, so a slow phase of the machine affects all of them alike.
     """
     repeats, best = {}, dict.fromkeys(calls, np.inf)
     for key, (function, _) in calls.items():
         function()
-        start = clock()
+        start = time.process_time()
         function()
-        repeats[key] = max(1, int(_SECONDS / max(clock() - start, 1e-7)))
+        repeats[key] = max(1, int(_SECONDS / max(time.process_time() - start, 1e-7)))
     for _ in range(_ROUNDS):
         for key, (function, _) in calls.items():
-            start = clock()
+            start = time.process_time()
             for _ in range(repeats[key]):
                 function()
-            best[key] = min(best[key], (clock() - start) / repeats[key])
+            best[key] = min(best[key], (time.process_time() - start) / repeats[key])
     return {key: made / best[key] for key, (_, made) in calls.items()}
 
 
@@ -108,15 +107,6 @@ def measure_environments() -> dict[Key, float]:
     return {key: rate / 1e3 for key, rate in best_rates(calls).items()}
 
 
-def measure_threads() -> float:
-    """Return how many times faster two threads are than one at the largest number of sub-environments."""
-    make = partial(gym.make_vec, "quadpend_gym:QuadPendulum-v0", NUM_ENVS[-1], "vector_entry_point")
-    action, names = np.full(4, 0.01, np.float32), ("1 thread", "2 threads")
-    calls = {(name, ""): vector_env(make(num_threads=int(name[0])), action) for name in names}
-    one, two = best_rates(calls, time.perf_counter).values()
-    return two / one
-
-
 _FIRST_EPISODE = """
 import time; start = time.perf_counter()
 import quadpend_gym; imported = time.perf_counter()
@@ -149,10 +139,7 @@ def main() -> None:
     """Measure everything, print it, and update the page."""
     argparse.ArgumentParser(prog="python -m benchmarks.speed", description=__doc__).parse_args()
     environments, start = measure_environments(), measure_start()
-    rows = [
-        [f"two threads / one, {NUM_ENVS[-1]:,} sub-environments", f"{measure_threads():.2f} ×"],
-        *([name, f"{seconds:.2f} s"] for name, seconds in start.items()),
-    ]
+    rows = [[name, f"{seconds:.2f} s"] for name, seconds in start.items()]
     tables = {"environments": rate_table("environment", environments), "speed": markdown_table(["", ""], rows)}
     print("\n\n".join(tables.values()))
     fill(DOCS / "accuracy.md", tables)
