@@ -89,10 +89,10 @@ def random_pole(vehicle: Vehicle, seed: int) -> tuple[Vehicle, dict[str, float]]
     return replace(vehicle, pole=pole), {"pole_length": pole.length, "pole_drag_area": pole.drag_area}
 
 
-def simulated(vehicles: int, first: int = 0, sides: tuple[float, ...] = (0.0,)) -> pd.DataFrame:
+def simulated(vehicles: int, sides: tuple[float, ...] = (0.0,)) -> pd.DataFrame:
     """Return one row for each quantity of each vehicle, with one flight for each side of `simulated_log`."""
     rows = list[dict[str, Any]]()
-    for seed in range(first, first + vehicles):
+    for seed in range(vehicles):
         vehicle, start, truth = random_vehicle(seed)
         if any(sides):
             vehicle, pole = random_pole(vehicle, seed)
