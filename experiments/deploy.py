@@ -99,12 +99,12 @@ def measure(name: str, scenario: str, folder: Path) -> OnChip:
     return chip._replace(errors=[_error(text) for text in (*errors, chip.output)])
 
 
-def row(name: str, scenario: str, folder: Path) -> str:
+def row(name: str, scenario: str, folder: Path) -> list[str]:
     """Return the row of a policy."""
     chip = measure(name, scenario, folder)
     share = chip.instructions / (_CLOCK * _PERIOD)
     cells = [f"`{name}`", f"`{scenario}`", chip.errors[-1], f"{chip.flash / 1e3:.0f}", f"{chip.ram / 1e3:.1f}"]
-    return f"| {' | '.join([*cells, f'{chip.instructions:,}', f'{share:.1%}'])} |"
+    return [*cells, f"{chip.instructions:,}", f"{share:.1%}"]
 
 
 def flown(name: str, episodes: int, folder: Path) -> list[str]:
@@ -143,11 +143,10 @@ def main() -> None:
     if MISSING:
         print(f"Skipped, since {' and '.join(MISSING)} are not installed.")
         return
-    columns = ("policy", "scenario", "error", "flash, kB", "RAM, kB", "instructions")
-    head = f"| {' | '.join((*columns, 'of 10 ms'))} |"
+    headings = ["policy", "scenario", "error", "flash, kB", "RAM, kB", "instructions", "of 10 ms"]
     with tempfile.TemporaryDirectory() as folder:
         rows = [row(name, scenario, Path(folder)) for scenario, names in POLICIES.items() for name in names]
-    fill(DOCS / "deploy.md", {"chip": "\n".join([head, "| --- " * head.count(" | ") + "| --- |", *rows])})
+    fill(DOCS / "deploy.md", {"chip": markdown_table(headings, rows)})
 
 
 if __name__ == "__main__":
