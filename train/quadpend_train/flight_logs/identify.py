@@ -115,11 +115,10 @@ _MAY_BE_ZERO = (*_FROM_ZERO, "lag")  # their size is the scale of the precision
 
 @dataclass(frozen=True)
 class Estimate:
-    """A quantity: value, standard deviation, 95 % interval, whether the log shows it, and whether it says nothing."""
+    """A quantity: value, 95 % interval, whether the log shows it, and whether the log says nothing about it."""
 
     name: str
     value: float
-    deviation: float
     interval: tuple[float, float]
     identified: bool
     blind: bool
@@ -224,7 +223,7 @@ def fit(windows: Sequence[Windows], start: Vehicle) -> Found:
         found = found.solved({**found.values, **fixed}, [name for name in names if name not in hidden])
         estimates |= found.estimates()
     values = found.values
-    nothing = {name: Estimate(name, value, np.inf, (-np.inf, np.inf), False, True) for name, value in missing.items()}
+    nothing = {name: Estimate(name, value, (-np.inf, np.inf), False, True) for name, value in missing.items()}
     estimates = {name: (estimates | nothing)[name] for name in quantities}
     shares = [regression(log, start)[0] for log in logs]
     gentle = bool(np.average(shares, weights=[len(log) for log in logs]) < _GENTLE)
@@ -526,7 +525,7 @@ class _Fit:
             at_bound = name != "lag" and not low * 1.01 < value < high * 0.99
             share = d / max(abs(value), size if name in _MAY_BE_ZERO else 1e-9 * size)
             interval = value - reach * d, value + reach * d
-            out[name] = Estimate(name, value, d, interval, share < UNIDENTIFIED and not at_bound, share > _BLIND)
+            out[name] = Estimate(name, value, interval, share < UNIDENTIFIED and not at_bound, share > _BLIND)
         return out
 
     def noisy_gradient(self) -> Floats:
