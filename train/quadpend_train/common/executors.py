@@ -6,7 +6,6 @@ number of processes.
 
 import os
 import signal
-import sys
 import warnings
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -74,7 +73,7 @@ def _in_processes(calls: Mapping[Name, Call], jobs: int) -> Iterator[tuple[Name,
     running: dict[Future[Any], Name] = {}
     while True:
         for name, call in islice(waiting, jobs - len(running)):
-            running[pool(jobs).submit(_call_in_folder, call, os.getcwd(), sys.argv)] = name
+            running[pool(jobs).submit(_call_in_folder, call, os.getcwd())] = name
         if not running:
             return
         for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -98,10 +97,9 @@ def _described(call: Call) -> Any:
         raise RuntimeError(describe_error(error)) from error
 
 
-def _call_in_folder(call: Call, folder: str, command: list[str]) -> Any:
-    """Make a call in a worker, which may be older than the working directory and the command line of the sender."""
+def _call_in_folder(call: Call, folder: str) -> Any:
+    """Make a call in a worker, which may be older than the working directory of the sender."""
     os.chdir(folder)
-    sys.argv = command
     return _described(call)
 
 
