@@ -4,11 +4,9 @@ import json
 from pathlib import Path
 
 from experiments.pages import POLICIES, fill
-from quadpend_gym.core.files import read_mapping
 from quadpend_train.common.declarations import meanings
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
-from quadpend_train.training import settings as module
-from quadpend_train.training.settings import PRESETS, ApgSettings, HybridSettings, TrainSettings
+from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings, presets, read_settings
 
 PAGE = Path(__file__).parents[1] / "reference/settings.md"
 GROUPS = {
@@ -32,12 +30,8 @@ def settings_list(kind: type) -> str:
 def presets_table() -> str:
     """Return the table of the presets, with the durations that the cards of their trained policies state."""
     lines = ["| preset | timesteps | duration | description |", "|---|---|---|---|"]
-    for path in sorted(PRESETS.glob("*.toml")):
-        data = read_mapping(path)
-        comments = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
-        description = " ".join(line.removeprefix("# ") for line in comments)
-        steps = data.get("total_timesteps", module.TrainSettings().total_timesteps)
-        lines.append(f"| `{path.stem}` | {steps:,} | {_duration(path.stem)} | {description} |")
+    for name, description in presets().items():
+        lines.append(f"| `{name}` | {read_settings(name).total_timesteps:,} | {_duration(name)} | {description} |")
     return "\n".join(lines)
 
 

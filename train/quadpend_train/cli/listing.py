@@ -2,7 +2,6 @@
 
 import inspect
 from collections.abc import Callable, Mapping
-from itertools import takewhile
 from typing import Any, Literal
 
 import tyro
@@ -16,7 +15,7 @@ from quadpend_gym.vehicles.vehicle import as_vehicle
 from quadpend_train.common.vehicle_toml import vehicle_toml
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.settings import PRESETS
+from quadpend_train.training.settings import presets
 
 Table = Literal["policies", "scenarios", "settings", "tasks", "vehicles", "poles", "winds", "sensors", "actuators"]
 Rows = dict[str, str]  # descriptions by name
@@ -62,13 +61,6 @@ def _scenarios() -> Rows:
     return sets | {name: scenario.description for name, scenario in SCENARIOS.items()}
 
 
-def _settings() -> Rows:
-    """The presets with the comments at the beginning of their files."""
-    files = {path.stem: path.read_text(encoding="utf-8").splitlines() for path in sorted(PRESETS.glob("*.toml"))}
-    comments = {name: takewhile(lambda line: line.startswith("#"), lines) for name, lines in files.items()}
-    return {name: " ".join(line.strip("# ") for line in lines) for name, lines in comments.items()}
-
-
 def _tasks() -> Rows:
     return dict.fromkeys(TASKS, "") | {task: f"the task of {env_id}" for env_id, task in ENVIRONMENTS.items()}
 
@@ -96,7 +88,7 @@ def _pole(pole: Pole) -> str:
 TABLES: dict[str, Callable[[], Rows]] = {
     "policies": _policies,
     "scenarios": _scenarios,
-    "settings": _settings,
+    "settings": presets,
     "tasks": _tasks,
     "vehicles": lambda: {name: _vehicle(vehicle) for name, vehicle in VEHICLES.items()},
     "poles": lambda: {name: _pole(pole) for name, pole in POLES.items()},

@@ -10,7 +10,7 @@ from typing import Any
 
 from quadpend_train.cli.training import default_settings, train
 from quadpend_train.common.declarations import meanings
-from quadpend_train.training.settings import PRESETS, TrainSettings
+from quadpend_train.training.settings import TrainSettings, presets
 
 _NARROW, _WIDE = 80, 120  # characters of a line
 
@@ -18,7 +18,6 @@ _NARROW, _WIDE = 80, 120  # characters of a line
 def help_text(options: Sequence[str]) -> str:
     """Return the help, whose defaults are those of the settings among the options."""
     run: TrainSettings = default_settings([option for option in options if option not in ("--help", "-h")])["run"]
-    presets = ((path.stem, _comment(path.read_text(encoding="utf-8"))) for path in sorted(PRESETS.glob("*.toml")))
     settings = [*_settings(run)]
     if run.algo != "apg":
         settings.append(("--apg.…", "Settings of APG: quadpend train --algo apg --help."))
@@ -27,7 +26,7 @@ def help_text(options: Sequence[str]) -> str:
         [
             f"usage: quadpend train [OPTIONS]\n\n{_sentence(inspect.getdoc(train) or '')}",
             "\npresets, for --settings:",
-            *_rows(presets),
+            *_rows((name, _sentence(text)) for name, text in presets().items()),
             "\noptions:",
             *_rows(_arguments()),
             f"\nsettings, with their defaults here (algo {run.algo}; other presets have others):",
@@ -65,10 +64,6 @@ def _default(name: str, value: Any) -> str:
     if name == "scenarios":
         return " ".join(scenario.name for scenario in value) if len(value) == 1 else "…"
     return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-
-def _comment(text: str) -> str:
-    return _sentence(text.partition("\n")[0].removeprefix("# "))
 
 
 def _sentence(text: str) -> str:

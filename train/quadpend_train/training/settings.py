@@ -15,6 +15,7 @@ arguments of its class in Stable-Baselines3 or sb3-contrib, see `quadpend_train.
 import json
 from collections.abc import Mapping
 from dataclasses import field, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -240,6 +241,13 @@ class TrainSettings:
         return {"hybrid": self.hybrid.as_data()}
 
 
+def presets() -> dict[str, str]:
+    """Return the comments at the beginning of the presets, by name."""
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in sorted(PRESETS.glob("*.toml"))}
+    comments = {name: takewhile(lambda line: line.startswith("#"), text.splitlines()) for name, text in texts.items()}
+    return {name: " ".join(line.strip("# ") for line in lines) for name, lines in comments.items()}
+
+
 def read_settings(name: str) -> TrainSettings:
     """Read the training settings in a preset (``"ppo"``), in a TOML or JSON file, or on the card of a policy file."""
     path = PRESETS / f"{name}.toml"
@@ -247,7 +255,7 @@ def read_settings(name: str) -> TrainSettings:
     if path.suffix == ".npz":
         return settings_of_card(MlpPolicy.load(path).card, str(path))
     if not path.is_file():
-        known = sorted(item.stem for item in PRESETS.glob("*.toml"))
+        known = list(presets())
         raise ValueError(
             f"settings must be the path of a file or one of {', '.join(known)}, not {name!r}{suggest(name, known)}"
         )
