@@ -15,11 +15,7 @@ from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.evaluation.ranking import LEAST, LOSS, gentle, too_few
 from quadpend_train.reports import figures
 
-# Metrics in the tables.
-METRIC_COLUMNS = (
-    *("survival", "falls", "penalised_rmse", "rmse_of_survivors", "settled_rmse", "largest_tilt", "effort"),
-    "action_rate",
-)
+METRIC_COLUMNS = [name for name in METRICS if name != "return"]  # in the tables
 MANY_EPISODES = 50  # from this number on, most intervals cover close to 95 %, see docs/accuracy.md
 _POINTS = 100  # of an error curve
 _SMALLEST = 0.05  # mm, lower end of the error axis
