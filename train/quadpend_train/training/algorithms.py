@@ -21,8 +21,8 @@ from quadpend_train.training.arguments import as_python, linear_schedule
 from quadpend_train.training.environment import observed_scenarios
 from quadpend_train.training.settings import ALONE, TrainSettings
 
-# Fields of a card that must be the same, with their defaults
-_COMPARED = dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales", "hybrid"))
+# Fields of a card that must be the same
+_COMPARED = "activation", "squashed", "bound", "normalization", "input_scales", "hybrid"
 
 
 def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> Any:
@@ -108,4 +108,4 @@ def _with_inputs(policy: MlpPolicy, inputs: int, interface: dict[str, Any]) -> M
 def _compared(policy: MlpPolicy) -> dict[str, Any]:
     """Return what must be the same in two policies."""
     widths = [len(policy.layers[0][0]), *(len(biases) for _, biases in policy.layers)]
-    return {name: policy.card.get(name, default) for name, default in _COMPARED.items()} | {"widths": widths}
+    return {name: policy.card.get(name) for name in _COMPARED} | {"widths": widths}
