@@ -215,12 +215,10 @@ def fly(policy: Policy, env: VectorEnv[Any, Any, Any], scenarios: Sequence[Scena
     return collect_results(rollout(policy, env, seeds), *arguments)
 
 
-def score(
-    policy: Policy, scenarios: Sequence[str | Scenario], episodes: int = SCORE_EPISODES
-) -> dict[str, tuple[float, float]]:
+def score(policy: Policy, scenarios: Sequence[str | Scenario]) -> dict[str, tuple[float, float]]:
     """Return survival (%) and mean penalised RMSE (mm) in each scenario."""
     found = find_scenarios(scenarios)
-    env = concatenate_scenarios([*found.values()], episodes * len(found))
+    env = concatenate_scenarios([*found.values()], SCORE_EPISODES * len(found))
     results = fly(policy, env, [*found.values()], SCORE_SEED)
     parts = (np.split(array, len(found)) for array in (results.survived, results.penalised_rmse))
     return {
@@ -248,7 +246,7 @@ def tune(search: Search, study: optuna.Study, trials: int, folder: Path) -> dict
     values = candidates[int(np.argmin(losses))] or rounded(
         {path: attrgetter(path)(search.present) for path in search.space}
     )
-    after = score(search.policy(values), scenarios, SCORE_EPISODES)
+    after = score(search.policy(values), scenarios)
     found = {
         "controller": search.name,
         "scenarios": [*search.scenarios],
