@@ -56,17 +56,16 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
     """Return the scenarios and the sets of a TOML or JSON file.
 
     The file has the fields of one `Scenario`, or the tables ``scenarios`` (scenarios by name), ``sets`` (names of
-    scenarios, or of sets of scenarios, by the name of the set) and ``defaults`` (fields of all scenarios).
+    scenarios, or of sets of scenarios, by the name of the set) and ``defaults`` (fields of all scenarios). A field
+    ``base`` names a scenario, and the others replace its fields, see `as_scenario`.
     """
     try:
         data = read_mapping(path)
         if "scenarios" not in data:
             name = readable(path.stem)
-            return {name: parse(Scenario, {"name": name, **data}, "scenario")}, {}
+            return {name: _parse({"name": name, **data})}, {}
         file = parse(_File, data, "the file")
-        scenarios = {
-            name: parse(Scenario, {"name": name, **file.defaults, **own}, name) for name, own in file.scenarios.items()
-        }
+        scenarios = {name: _parse({"name": name, **file.defaults, **own}, name) for name, own in file.scenarios.items()}
         sets = {
             name: tuple(one for item in items for one in file.sets.get(item, (item,)))
             for name, items in file.sets.items()
@@ -79,6 +78,12 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
         raise ValueError(f"the scenario file {str(path)!r} cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _parse(data: Mapping[str, Any], what: str = "scenario") -> Scenario:
+    """Return the scenario with the fields of a mapping, and otherwise those of its ``base`` but for the names."""
+    own = {"name": "", "description": "", **data}
+    return as_scenario(own.pop("base"), **own) if "base" in own else parse(Scenario, own, what)
 
 
 @cache
@@ -124,15 +129,18 @@ def find_scenario(name: str | Scenario) -> Scenario:
 def as_scenario(value: Any, own_task: str = "", **parts: Any) -> Scenario:
     """Return a scenario from itself, a text that `find_scenario` takes, a mapping of its fields, or None.
 
-    `parts` replace its fields. With `own_task`, the name of that of an environment's id, it has this task, which a
-    mapping in `parts` changes. A mapping without a ``kind`` changes the fields that it names of the scenario's own
-    part, such as its task. With another vehicle, the forces of its wind are scaled, see `Scenario.with_vehicle`. With
-    another period alone, its substeps are as long as before, or shorter.
+    `parts` replace its fields, as the other fields of a mapping with a ``base`` replace those of that scenario. With
+    `own_task`, the name of that of an environment's id, it has this task, which a mapping in `parts` changes. A mapping
+    without a ``kind`` changes the fields that it names of the scenario's own part, such as its task. With another
+    vehicle, the forces of its wind are scaled, see `Scenario.with_vehicle`. With another period alone, its substeps are
+    as long as before, or shorter.
     """
     if own_task:
         parts["task"] = _merged(TaskField.function(own_task), parts.get("task", own_task))
     if value is None or isinstance(value, Mapping):
         given = value or {}
+        if "base" in given:
+            return as_scenario(_parse(given), **parts)
         own = {name: _PARSED[name](part) if name in _PARSED else part for name, part in given.items()}
         return parse(Scenario, {**given, **_merged_parts(own, parts)}, "scenario")
     scenario = find_scenario(value) if isinstance(value, str) else value
@@ -187,7 +195,7 @@ def _scenarios(text: str) -> list[Scenario]:
     if text in sets:
         return [scenarios[member] for member in sets[text]]
     if text.lstrip().startswith("{"):
-        return [parse(Scenario, parse_mapping(text, "the scenario"), "scenario")]
+        return [_parse(parse_mapping(text, "the scenario"))]
     name, value = split_name(text)
     if name:
         return [replace(find_scenario(value), name=name)]

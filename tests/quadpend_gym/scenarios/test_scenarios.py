@@ -88,6 +88,18 @@ def test_the_schema_is_valid_complete_and_accepts_the_scenarios() -> None:
     assert not validator.is_valid({"wnd": "windy"})
 
 
+def test_a_scenario_may_change_another_one(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("base = 'event_jump'\ntask = {jumps = {distance = [0.3, 0.4]}}\nlatency = 0.03\n", encoding="utf-8")
+    (found,) = find_scenarios(str(file)).values()
+    own = {"task": {"jumps": {"distance": [0.3, 0.4]}}, "latency": 0.03}
+    assert found == as_scenario("event_jump", **own, name="mine", description="") != SCENARIOS["event_jump"]
+    assert as_scenario({"base": "event_jump", **own}) == replace(found, name="")
+    file.write_text("[scenarios]\na = {base = 'event_jmp'}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"mine.toml: there is no scenario 'event_jmp' \(did you mean 'event_jump'"):
+        find_scenarios(str(file))
+
+
 def test_a_file_holds_one_scenario_or_many_with_sets_and_defaults(tmp_path: Path) -> None:
     one, many = tmp_path / "one.toml", tmp_path / "many.toml"
     one.write_text('wind = "windy"\n', encoding="utf-8")
