@@ -56,6 +56,8 @@ class ObserverGains:
     damping: Damping = 0.9  # ζ
     # ρ, gain of the sign term: limit of the last correction, per second; None: linear observer
     switching: Annotated[float | None, Range(0.0, 1e60)] = None
+    # δ, half width of the boundary layer; None: about ρ/ω_n⁴; 0: the sign function
+    layer: Annotated[float | None, Range(0.0, 1e60)] = None
 
 
 @settings

@@ -12,8 +12,8 @@ and s⁴ + λ₃s³ + λ₂s² + λ₁s + λ₀ = (s² + 2ζω s + ω²)². Samp
     (2)  correct   x̂  = x̂⁻ + L e,               e = y − x̂₁⁻,   error poles at exp(p T), p: roots of the polynomial
     (3)  DESO      last correction = ρ T sat(e / δ)
 
-With δ = ρT / L₄, equation (3) is linear inside the boundary layer |e| < δ, with the gain L₄, and saturates outside.
-The paper has the sign term instead, δ = 0. ρ = ∞ gives the linear ESO.
+With δ = ρT / L₄ (the default), equation (3) is linear inside the boundary layer |e| < δ, with the gain L₄, and
+saturates outside. δ = 0 gives the paper's sign term, and ρ = ∞ gives the linear ESO.
 """
 
 from math import factorial
@@ -58,7 +58,7 @@ def input_gain(driven_state: int, period: float) -> Floats:
 
 
 def design_observers(observers: list[tuple[int, ObserverGains]], period: float) -> Floats:
-    """Return what `update_observers` needs of m observers, shape (m, 9): Γ, L, and ρT of equation (3).
+    """Return what `update_observers` needs of m observers, shape (m, 10): Γ, L, and ρT/δ and ρT of equation (3).
 
     Args:
         observers: The driven state and the gains of each observer.
@@ -67,7 +67,8 @@ def design_observers(observers: list[tuple[int, ObserverGains]], period: float) 
     rows = []
     for driven_state, item in observers:
         gain, limit = current_gain(item, period), np.inf if item.switching is None else item.switching * period
-        rows.append([*input_gain(driven_state, period), *gain, limit])
+        slope = gain[-1] if item.layer is None else limit / max(item.layer, 1e-300)
+        rows.append([*input_gain(driven_state, period), *gain, slope, limit])
     return np.array(rows)
 
 
@@ -88,8 +89,8 @@ def update_observers(
         b = estimate[place + 1, lane] + t * (estimate[place + 2, lane] + t / 2.0 * estimate[place + 3, lane])
         a = estimate[place + 2, lane] + t / 3.0 * estimate[place + 3, lane]
         a = estimate[place, lane] + t * (estimate[place + 1, lane] + t / 2.0 * a) + bank[i, 0] * u
-        error, limit = measured[i] - a, bank[i, 8]
+        error, limit = measured[i] - a, bank[i, 9]
         estimate[place, lane] = a + bank[i, 4] * error
         estimate[place + 1, lane] = b + bank[i, 1] * u + bank[i, 5] * error
         estimate[place + 2, lane] = c + bank[i, 6] * error
-        estimate[place + 3, lane] = d + min(max(bank[i, 7] * error, -limit), limit)
+        estimate[place + 3, lane] = d + min(max(bank[i, 8] * error, -limit), limit)

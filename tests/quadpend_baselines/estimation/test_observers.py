@@ -51,6 +51,8 @@ def _last_correction(gains: ObserverGains, error: float) -> float:
 
 def test_switching_term_is_linear_inside_its_layer_and_saturates_outside() -> None:
     linear, saturated = ObserverGains(50.0), ObserverGains(50.0, switching=10.0)
+    sign = ObserverGains(50.0, switching=10.0, layer=0.0)
     assert _last_correction(saturated, 1e-9) == _last_correction(linear, 1e-9)
     assert _last_correction(saturated, 1.0) == pytest.approx(10.0 * 0.01)
     assert _last_correction(linear, 1.0) > 1.0
+    assert [_last_correction(sign, error) for error in (1e-9, -3.0, 0.0)] == pytest.approx([0.1, -0.1, 0.0])
