@@ -111,6 +111,7 @@ HUMMINGBIRD: dict[str, Parts] = {
         "observation": "output_feedback",
     },
 }
+LAB: dict[str, Parts] = {f"{name}, lab": {**parts, "observation": "lab"} for name, parts in HUMMINGBIRD.items()}
 RIGID: dict[str, Parts] = {
     "crazyflie, rotors": {"wind": "breeze", "vehicle": "crazyflie", "interface": "rotors"},
     "x500, wrench": {"wind": "windy", "vehicle": "x500", "interface": "wrench"},
@@ -135,10 +136,11 @@ FLIGHTS: dict[str, dict[str, Parts]] = {
     "lqg": CLASSICAL,
     "swing-up": {**SWING_UP, **RIGID},
     **dict.fromkeys(("apg", "ppo-alone", "sac-alone"), PAPER),
-    **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops", "apg-vehicles-safe", "lab"), HUMMINGBIRD),
+    **dict.fromkeys(("apg-flight", "ppo-flight", "apg-loops", "apg-vehicles-safe"), HUMMINGBIRD),
+    "lab": LAB,
     **dict.fromkeys(("ppo-swing-up", "ppo-swing-up-wind"), SWING_UP),
 }
-LEARNED = ("apg", "ppo-", "sac-")  # beginnings of their names
+LEARNED = ("apg", "lab", "ppo-", "sac-")  # beginnings of their names
 EPISODES = {"nmpc": 2}  # of each flight; the actions of `nmpc` take milliseconds
 SECONDS, LONG = 2.0, 3.0  # of an episode whose parts have no duration, and of one in a scenario of the package
 

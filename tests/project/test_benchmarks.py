@@ -61,6 +61,13 @@ def test_golden_hashes_cover_every_controller_and_shipped_policy() -> None:
     assert golden_cases.FLIGHTS.keys() == {*CONTROLLERS, *(name.removesuffix("-0") for name in shipped_policies())}
 
 
+@pytest.mark.filterwarnings("ignore:.*a policy trained on the vehicle")
+@pytest.mark.parametrize("name", sorted(shipped_policies()))
+def test_golden_hashes_fly_each_shipped_policy(name: str) -> None:
+    flight = f"episodes: {name.removesuffix('-0')}, {next(iter(golden_cases.FLIGHTS[name.removesuffix('-0')]))}"
+    assert golden.compute(flight).keys() == {flight}
+
+
 def test_the_benchmark_of_a_gpu_says_that_there_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
