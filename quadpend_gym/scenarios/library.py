@@ -1,6 +1,7 @@
 """The scenarios of this package and their sets, and scenarios from names, files, JSON and the user's own code."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from dataclasses import field, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -41,6 +42,9 @@ HELD_OUT = (
     "flight_unknown",
 )
 _DISTURBANCES = "task", "sensors", "actuators", "parameters", "loop", "latency", "observation"
+_READING: ContextVar[tuple[Path, ...]] = ContextVar(
+    "_READING", default=()
+)  # files, of which one is the base of another
 
 
 @settings
@@ -59,16 +63,21 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
     scenarios, or of sets of scenarios, by the name of the set) and ``defaults`` (fields of all scenarios). A field
     ``base`` names a scenario, and the others replace its fields, see `as_scenario`.
     """
+    if (file := path.resolve()) in _READING.get():
+        raise ValueError(f"base must be a scenario of this package or of another file, not of {str(path)!r} itself")
+    token = _READING.set((*_READING.get(), file))
     try:
         data = read_mapping(path)
         if "scenarios" not in data:
             name = readable(path.stem)
             return {name: _parse({"name": name, **data})}, {}
-        file = parse(_File, data, "the file")
-        scenarios = {name: _parse({"name": name, **file.defaults, **own}, name) for name, own in file.scenarios.items()}
+        given = parse(_File, data, "the file")
+        scenarios = {
+            name: _parse({"name": name, **given.defaults, **own}, name) for name, own in given.scenarios.items()
+        }
         sets = {
-            name: tuple(one for item in items for one in file.sets.get(item, (item,)))
-            for name, items in file.sets.items()
+            name: tuple(one for item in items for one in given.sets.get(item, (item,)))
+            for name, items in given.sets.items()
         }
         for name, members in sets.items():
             if unknown := set(members) - scenarios.keys():
@@ -78,6 +87,8 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
         raise ValueError(f"the scenario file {str(path)!r} cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    finally:
+        _READING.reset(token)
 
 
 def _parse(data: Mapping[str, Any], what: str = "scenario") -> Scenario:

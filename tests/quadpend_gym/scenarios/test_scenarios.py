@@ -98,6 +98,11 @@ def test_a_scenario_may_change_another_one(tmp_path: Path) -> None:
     file.write_text("[scenarios]\na = {base = 'event_jmp'}\n", encoding="utf-8")
     with pytest.raises(ValueError, match=r"mine.toml: there is no scenario 'event_jmp' \(did you mean 'event_jump'"):
         find_scenarios(str(file))
+    file.write_text(f"base = '{file.as_posix()}'\n", encoding="utf-8")
+    with pytest.raises(
+        ValueError, match=r"base must be a scenario of this package or of another file, not of '.*mine.toml'"
+    ):
+        find_scenarios(str(file))
 
 
 def test_a_file_holds_one_scenario_or_many_with_sets_and_defaults(tmp_path: Path) -> None:
