@@ -206,9 +206,20 @@ EULER_KERNEL = PlantKernel(
 
 
 @compiled
-def advance_euler(packed: Floats, *arguments: Any) -> None:
+def advance_euler(
+    state: Floats,
+    memory: Floats,
+    action: Floats,
+    loops: Floats,
+    disturbance: Floats,
+    parameters: Floats,
+    packed: Floats,
+    period: float,
+    substeps: int,
+) -> None:
     """Advance n states in place by one period, see `plant_kernel.advance_rows`; `packed` is an `EulerSettings`."""
-    advance_rows(EULER_KERNEL, _unpack(packed), *arguments)
+    settings = _unpack(packed)
+    advance_rows(EULER_KERNEL, state, memory, action, loops, disturbance, parameters, settings, period, substeps)
 
 
 def advance(
@@ -223,4 +234,4 @@ def advance(
     loops[:COMMAND_SIZE] = command.T  # as the efficiency of unit commands
     action = np.tile([0.0, 1.0, 1.0, 1.0], (rows, 1))
     arrays = state, np.empty((rows, 0)), action, loops, disturbance, parameters
-    advance_euler(_UNIT, *arrays, period, substeps)
+    advance_euler(*arrays, _UNIT, period, substeps)

@@ -100,13 +100,13 @@ def add_mean(value: Four, share: float, lane: int, out: Any) -> None:
 @inlined
 def advance_rows(
     plant: PlantKernel,
-    settings: Any,
     state: Any,
     memory: Any,
     action: Any,
     loops: Any,
     disturbance: Any,
     parameters: Any,
+    settings: Any,
     period: float,
     substeps: int,
 ) -> None:

@@ -99,7 +99,7 @@ class EulerPlant:
         """
         loops = np.repeat(nominal_loop(self.simulation)[:, np.newaxis], len(state), axis=1)
         arrays = state, memory, np.asarray(action, np.float64), loops, disturbance, parameters
-        self._advance(self._packed, *arrays, self.simulation.period, self.simulation.substeps)
+        self._advance(*arrays, self._packed, self.simulation.period, self.simulation.substeps)
 
     @cached_property
     def _packed(self) -> Floats:

@@ -393,9 +393,23 @@ HELD_KERNEL = PlantKernel(RIGID_SIZE, RIGID_LANE_SIZE, _integrate_held, *_OTHERS
 
 
 @compiled
-def advance_rigid(packed: Floats, *arguments: Any) -> None:
-    """As `advance_euler`, for rigid vehicles; `packed` is a `RigidSettings`."""
-    advance_rows(RIGID_KERNEL, unpack_rigid(packed), *arguments)
+def advance_rigid(
+    state: Floats,
+    memory: Floats,
+    action: Floats,
+    loops: Floats,
+    disturbance: Floats,
+    parameters: Floats,
+    packed: Floats,
+    period: float,
+    substeps: int,
+) -> None:
+    """Advance n states and their memories, shape (n, 11), in place by one period, see `plant_kernel.advance_rows`.
+
+    `packed` is a packed `RigidSettings`.
+    """
+    rigid = unpack_rigid(packed)
+    advance_rows(RIGID_KERNEL, state, memory, action, loops, disturbance, parameters, rigid, period, substeps)
 
 
 @compiled
