@@ -158,6 +158,7 @@ class Margins(NamedTuple):
     delay: float  # s
     phase: float  # smallest lag or lead, rad
     gain: tuple[float, float]  # smallest and largest factor
+    sensitivity: float  # peak M_S of the largest singular value of (1 + L)⁻¹ at the actions
 
 
 def margins(vehicle: Any, policy: Any) -> Margins:
@@ -174,23 +175,26 @@ def margins(vehicle: Any, policy: Any) -> Margins:
     def growth(gain: float) -> float:
         return float(np.abs(plant.lft(gain * policy).poles()).max())
 
-    def loci(frequencies: Floats) -> Any:
-        """Return the eigenvalues of L by magnitude, shape (n, 4)."""
+    def loci(frequencies: Floats) -> tuple[float, Any]:
+        """Return the smallest singular value of 1 + L, and the eigenvalues of L by magnitude, shape (n, 4)."""
         response = loop(np.exp(1j * frequencies * period), squeeze=False).transpose(2, 0, 1)
         values = eigvals(response)
-        return np.take_along_axis(values, np.argsort(np.abs(values), axis=1), axis=1)
+        order = np.argsort(np.abs(values), axis=1)
+        distance = np.linalg.svd(np.eye(policy.noutputs) + response, compute_uv=False)
+        return float(distance.min()), np.take_along_axis(values, order, axis=1)
 
     largest, frequencies = growth(1.0), np.pi / period * np.geomspace(1e-4, 1.0, _FREQUENCIES)
+    distance, values = loci(frequencies)
     if largest >= 1.0:
-        return Margins(largest, 0.0, 0.0, (1.0, 1.0))
-    sizes = np.log(np.abs(loci(frequencies)))
+        return Margins(largest, 0.0, 0.0, (1.0, 1.0), 1.0 / distance)
+    sizes = np.log(np.abs(values))
     i, k = np.nonzero(np.diff(np.sign(sizes), axis=0))
     share = sizes[i, k] / (sizes[i, k] - sizes[i + 1, k])
     crossings = frequencies[i] * (frequencies[i + 1] / frequencies[i]) ** share
-    lags = np.angle(-loci(crossings)[np.arange(len(k)), k]) if len(k) else np.zeros(0)
+    lags = np.angle(-loci(crossings)[1][np.arange(len(k)), k]) if len(k) else np.zeros(0)
     delay, phase = (lags % (2.0 * np.pi) / crossings).min(initial=np.inf), np.abs(lags).min(initial=np.pi)
     lower, upper = _first(growth, np.geomspace(1.0, 1e-3, 60)), _first(growth, np.geomspace(1.0, 1e3, 60))
-    return Margins(largest, float(delay), float(phase), (lower or 0.0, upper or np.inf))
+    return Margins(largest, float(delay), float(phase), (lower or 0.0, upper or np.inf), 1.0 / distance)
 
 
 def _first(growth: Callable[[float], float], gains: Floats) -> float | None:

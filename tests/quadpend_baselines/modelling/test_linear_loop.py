@@ -53,13 +53,14 @@ def test_delay_margin_is_that_of_a_search_in_time() -> None:
     assert growth[1] > 1.5
 
 
-def test_gain_margin_of_two_integrators() -> None:
-    """L = k T/(z − 1) is stable for 0 < k T < 2."""
+def test_gain_margin_and_sensitivity_of_two_integrators() -> None:
+    """L = k T/(z − 1) is stable for 0 < k T < 2, and |1 + L| is smallest at z = −1, where it is 1 − k T/2."""
     period, gains = 0.01, np.diag([40.0, 20.0])
     vehicle = control.ss(np.eye(2), period * np.eye(2), np.eye(2), 0.0, period)
     found = margins(vehicle, control.ss([], [], [], -gains, period))
     assert found.spectral_radius == pytest.approx(0.8)
     assert found.gain == pytest.approx((0.0, 5.0), abs=1e-5)
+    assert found.sensitivity == pytest.approx(1.25)
 
 
 class Proportional:
