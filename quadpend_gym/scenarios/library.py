@@ -94,7 +94,11 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
 def _parse(data: Mapping[str, Any], what: str = "scenario") -> Scenario:
     """Return the scenario with the fields of a mapping, and otherwise those of its ``base`` but for the names."""
     own = {"name": "", "description": "", **data}
-    return as_scenario(own.pop("base"), **own) if "base" in own else parse(Scenario, own, what)
+    if "base" not in own:
+        return parse(Scenario, own, what)
+    if (base := own.pop("base")) is None:
+        raise ValueError("base must be a Scenario, its name or a mapping of its fields, not None")
+    return _changed(as_scenario(base), own)
 
 
 @cache
@@ -157,6 +161,11 @@ def as_scenario(value: Any, own_task: str = "", **parts: Any) -> Scenario:
     scenario = find_scenario(value) if isinstance(value, str) else value
     if not isinstance(scenario, Scenario):
         raise ValueError(f"scenario must be a Scenario, its name or a mapping of its fields, not {value!r}")
+    return _changed(scenario, parts)
+
+
+def _changed(scenario: Scenario, parts: Mapping[str, Any]) -> Scenario:
+    """Return a scenario with other parts, see `as_scenario`."""
     parts = _merged_parts(vars(scenario), parts)
     if vehicle := {name: parts.pop(name) for name in ("vehicle", "interface") if name in parts}:
         scenario = scenario.with_vehicle(**vehicle)

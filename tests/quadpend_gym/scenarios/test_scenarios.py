@@ -105,6 +105,14 @@ def test_a_scenario_may_change_another_one(tmp_path: Path) -> None:
         find_scenarios(str(file))
 
 
+@pytest.mark.parametrize("name", ["own_task", "value"])
+def test_what_is_beside_a_base_is_a_field(name: str) -> None:
+    with pytest.raises(ValueError, match=f"Scenario has no field '{name}'"):
+        as_scenario({"base": "windy", name: "recovery"})
+    with pytest.raises(ValueError, match="base must be"):
+        as_scenario({"base": None, "period": 0.01})
+
+
 def test_a_file_holds_one_scenario_or_many_with_sets_and_defaults(tmp_path: Path) -> None:
     one, many = tmp_path / "one.toml", tmp_path / "many.toml"
     one.write_text('wind = "windy"\n', encoding="utf-8")
