@@ -48,6 +48,9 @@ from quadpend_train.common.provenance import provenance
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 
 NOISE = {"kind": "noise", "position": 0.0005, "euler": {"white": 0.001, "bias": 0.01}, "direction": 0.0006}
+# Accelerations of 1.7 to 2.4 m/s² along each axis
+RISING = {"amplitude": [1.0, 0.5, 0.4, 0.3], "frequency": [1.3, 1.9, 2.2, 0.9], "phase": [0.0, 1.0, 2.0, 0.0]}
+BOUNCING = {"amplitude": [0.6, 0.8, 0.25, 0.3], "frequency": [2.0, 1.5, 3.1, 1.3], "phase": [0.0, 2.0, 1.0, 0.0]}
 BREEZE = {"kind": "ornstein_uhlenbeck", "force": 0.05}
 
 
@@ -80,6 +83,8 @@ CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "fast": ("flight_training_fast", {"task": {"references": {"acceleration": [1.0, 5.0]}}}),
     "wide": ("flight_training_wide", {}),
     "sharp": ("flight_training_fast", {"task": {"references": {"radius": [0.6, 1.5], "acceleration": [3.0, 7.0]}}}),
+    "rising": ("flight_training_motion", {"task": {"trajectory": RISING}}),
+    "bouncing": ("flight_training_motion", {"task": {"trajectory": BOUNCING}}),
     "gusts": ("flight_training_wind", {"wind": drawn(0.3, 1.5, kind="gusts", velocity=[2.0, 0.0, 0.0])}),
     "upset": ("flight_training_upset", {}),
     "jump": ("event_training_jump", {"task": {"jumps": {"distance": [0.03, 2.5], "yaw": [0.0, 3.0]}}}),
@@ -132,7 +137,7 @@ MEMORIES = {"lags": LAGS, "filter": FILTER}  # inputs
 TAUGHT = 400  # numbers that a teacher remembers, at most
 SETTINGS = "scenarios", "seeds", "rows", "without", "imitation", "gradients"  # that policies depend on
 NEVER = -1e6  # when an action acts that is older than all under way
-HIDDEN = 128  # width of the two hidden layers
+HIDDEN = 120  # width of the two hidden layers
 STEPS, BATCHES = 16, 8  # of a window of imitation
 PARTS = 10  # of imitation and of gradients, after which an interrupted training goes on
 SMALL = 0.1  # output of a network whose relative error counts half

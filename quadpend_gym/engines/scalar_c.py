@@ -44,19 +44,29 @@ _OPERATIONS = {
 def scalar_c(function: Any) -> str:
     """Return a static C function without result, with the arguments and then the results of a function as arrays.
 
-    Their names are those of the function, which must differ.
+    Their names are those of the function, which must differ. It may call one other function (``never_inline``), of one
+    argument and with one result; its C comes first.
     """
     names = [function.name_in(i) for i in range(function.n_in())]
     results = [function.name_out(i) for i in range(function.n_out())]
     arguments = [f"const real *{name}" for name in names] + [f"real *{name}" for name in results]
-    lines = [f"static void {function.name()}({', '.join(arguments)}) {{"]
-    lines += wrap(f"real {', '.join(f'w{i}' for i in range(function.sz_w()))};", 118)
-    for k in range(function.n_instructions()):
+    others = "".join(map(scalar_c, function.find_functions()))
+    lines = [f"{others}static void {function.name()}({', '.join(arguments)}) {{"]
+    steps = range(function.n_instructions())
+    used = {i for k in steps if function.instruction_id(k) != ca.OP_OUTPUT for i in function.instruction_output(k)}
+    lines += wrap(f"real {', '.join(f'w{i}' for i in sorted(used))};", 118)
+    for k in steps:
         operation, into, out_of = (getattr(function, f"instruction_{what}")(k) for what in ("id", "output", "input"))
         if operation == ca.OP_INPUT:
             lines.append(f"w{into[0]} = {names[out_of[0]]}[{out_of[1]}];")
         elif operation == ca.OP_OUTPUT:
             lines.append(f"{results[into[0]]}[{into[1]}] = w{out_of[0]};")
+        elif operation == ca.OP_CALL:
+            (called,) = function.find_functions()
+            lines.append(
+                f"{{ real x[] = {{{', '.join(f'w{i}' for i in out_of)}}}, y[{len(into)}]; {called.name()}(x, y);"
+            )
+            lines += wrap(" ".join(f"w{i} = y[{j}];" for j, i in enumerate(into)) + " }", 118)
         elif operation == ca.OP_CONST:
             lines.append(f"w{into[0]} = R({function.instruction_constant(k)!r});")
         else:

@@ -5,16 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from quadpend_baselines.controllers.lqg import evaluate
 from quadpend_baselines.estimation.estimate import nominal
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid.constant_gain import apparent_vertical, constant_gain, from_trajectory, to_trajectory
+from quadpend_baselines.hybrid.constant_gain import memory_size
+from quadpend_baselines.hybrid.deviations import deviation_scales
 from quadpend_baselines.hybrid.lab import FILTER, lab_part
 from quadpend_baselines.hybrid.parts import Seen
 from quadpend_baselines.registry import controller
-from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.tasks.observation import LAB
 
@@ -40,7 +39,7 @@ def flown(name: str, steps: int, change: Any = None) -> tuple[Any, Any, Any]:
         memory = policy.with_applied_action(memory, action)
         observation, _, _, _, _ = env.step(action)
         started = np.zeros(ROWS, np.bool_)
-    states = np.array(found)[..., :28] * constant_gain(scenario.simulation).scales
+    states = np.array(found)[..., :28] * deviation_scales(scenario.simulation.parameters.hover_thrust)[4:32]
     return np.array(expected), states, np.array(found)[..., 28:36]
 
 
@@ -84,21 +83,7 @@ def test_it_predicts_through_missing_samples() -> None:
     np.testing.assert_allclose(states[50:, :, 6:8], expected[50:, :, 6:8], atol=0.02)
 
 
-def test_axes_turn_with_the_apparent_gravity() -> None:
-    for acceleration in ((0.0, 0.0, 0.0), (3.0, -2.0, 1.0), (0.5, 0.0, -9.0)):
-        n = apparent_vertical(Vec3(*acceleration), np.sin(0.4), np.cos(0.4), 9.81)
-        axis = np.cross(n, [0.0, 0.0, 1.0])
-        size = np.linalg.norm(axis)
-        turn = Rotation.from_rotvec(axis / max(size, 1e-9) * np.arctan2(size, n.z))
-        vector = np.array([0.3, -0.2, 0.5])
-        np.testing.assert_allclose(to_trajectory(Vec3(*vector), n), turn.apply(vector), atol=1e-12)
-        np.testing.assert_allclose(from_trajectory(Vec3(*turn.apply(vector)), n), vector, atol=1e-12)
-    assert np.isfinite(
-        to_trajectory(Vec3(0.1, 0.2, 0.3), apparent_vertical(Vec3(0.0, 0.0, -12.0), 0.0, 1.0, 9.81))
-    ).all()
-
-
 def test_the_latency_is_in_the_memory() -> None:
     simulation = find_scenario("flight_breeze").simulation
-    sizes = [constant_gain(replace(simulation, latency=latency)).memory_size for latency in (0.0, 0.02, 0.03)]
+    sizes = [memory_size(replace(simulation, latency=latency)) for latency in (0.0, 0.02, 0.03)]
     assert np.diff(sizes).tolist() == [8, 4]

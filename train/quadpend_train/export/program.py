@@ -22,12 +22,13 @@ from quadpend_baselines.estimation.estimate import (
     is_bounded,
 )
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.hybrid import EstimateOnly, ResidualAction
+from quadpend_baselines.hybrid import EstimateOnly, ResidualAction, constant_gain
 from quadpend_baselines.hybrid.parts import InputPart, observed_part
 from quadpend_gym import Simulation
 from quadpend_gym.engines import columns, lift, vector
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
+from quadpend_gym.physics.vectors import Four
 from quadpend_gym.tasks.observation import LAB, OUTPUT_FEEDBACK_SIZE
 from quadpend_gym.vehicles import Parameters
 from quadpend_train.common.lifted import (
@@ -236,13 +237,24 @@ def _with_network(
     own_size = sum(part.memory_size for part in parts)
     starts = np.cumsum([0, own_size, base.law_size * acts, ACTION_SIZE]).tolist()
 
+    substeps: list[Any] = []  # the function, because the code of all its calls would be long
+
+    def substep(x: Any, action: Any, *known: Any) -> None:
+        if not substeps:
+            state, given = ca.SX.sym("x", len(x)), ca.SX.sym("a", ACTION_SIZE)
+            after = np.array(ca.vertsplit(state), object)
+            lift(constant_gain.substep)(after, Four(*row(given)[0]), *known)
+            arguments = [ca.vertcat(state, given)], ca.cse([vector(after)]), ["x"], ["next"]
+            substeps.append(ca.Function("substep", *arguments, {"never_inline": True}))
+        x[:] = ca.vertsplit(substeps[0](ca.vertcat(*x, *action)))
+
     def inputs(read: Any, memory: Any, later: Any, action: Any, extra: Any) -> dict[str, Any]:
         own, law_memory, base_action = ca.vertsplit(extra, starts)
         after = base.arrived(memory, later)
         if acts:
             base_action, law_memory = base.control(after, law_memory)
         given = action, base_action, vector(base.seen(row(memory))), base.seen(after)
-        seen, own = seen_by(parts, read[columns_read], *given, own)
+        seen, own = seen_by(parts, read[columns_read], *given, own, {constant_gain.substep: substep})
         if hybrid is not None:
             base_action = vector(hybrid.builds_on(row(seen), row(base_action)))
         return {"seen": seen, "next_extra": ca.vertcat(own, law_memory, base_action)}
