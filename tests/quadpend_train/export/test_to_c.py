@@ -56,18 +56,18 @@ ON_ADRC = {"kind": "estimate_only", "base_controller": "adrc-matched"}
 
 
 @pytest.mark.parametrize(
-    ("inputs", "hybrid"),
+    ("inputs", "hybrid", "flown"),
     [
-        (OUTPUT_FEEDBACK_SIZE, None),
-        (3 * OUTPUT_FEEDBACK_SIZE + 8, HISTORY),
-        (OUTPUT_FEEDBACK_SIZE + 9, ON_ADRC),
-        (LAB_SIZE, {"kind": "lab_only", "base_controller": "lqg"}),
-        (OBSERVATION_SIZE + 13, {**RESIDUAL_ACTION, "base_controller": "lqi"}),
+        (OUTPUT_FEEDBACK_SIZE, None, "windy"),
+        (3 * OUTPUT_FEEDBACK_SIZE + 8, HISTORY, "windy"),
+        (OUTPUT_FEEDBACK_SIZE + 9, ON_ADRC, "windy"),
+        (LAB_SIZE, {"kind": "lab_only", "base_controller": "lqg"}, "flight_breeze"),
+        (OBSERVATION_SIZE + 13, {**RESIDUAL_ACTION, "base_controller": "lqi"}, "windy"),
     ],
 )
-def test_networks_of_every_kind_are_written(inputs: int, hybrid: Any, tmp_path: Path) -> None:
+def test_networks_of_every_kind_are_written(inputs: int, hybrid: Any, flown: str, tmp_path: Path) -> None:
     source = tmp_path / "policy.c"
-    export_c(mlp_policy(inputs, hybrid=hybrid), "network", scenario("windy"), source)
+    export_c(mlp_policy(inputs, hybrid=hybrid), "network", scenario(flown), source)
     assert check(source).startswith("passed")
     assert check(source, DOUBLE).startswith("passed")
 
