@@ -54,6 +54,7 @@ def scalar_c(function: Any) -> str:
     lines = [f"{others}static void {function.name()}({', '.join(arguments)}) {{"]
     steps = range(function.n_instructions())
     used = {i for k in steps if function.instruction_id(k) != ca.OP_OUTPUT for i in function.instruction_output(k)}
+    used.discard(-1)  # a result of a call that is not used
     lines += wrap(f"real {', '.join(f'w{i}' for i in sorted(used))};", 118)
     for k in steps:
         operation, into, out_of = (getattr(function, f"instruction_{what}")(k) for what in ("id", "output", "input"))
@@ -66,7 +67,7 @@ def scalar_c(function: Any) -> str:
             lines.append(
                 f"{{ real x[] = {{{', '.join(f'w{i}' for i in out_of)}}}, y[{len(into)}]; {called.name()}(x, y);"
             )
-            lines += wrap(" ".join(f"w{i} = y[{j}];" for j, i in enumerate(into)) + " }", 118)
+            lines += wrap(" ".join(f"w{i} = y[{j}];" for j, i in enumerate(into) if i in used) + " }", 118)
         elif operation == ca.OP_CONST:
             lines.append(f"w{into[0]} = R({function.instruction_constant(k)!r});")
         else:
