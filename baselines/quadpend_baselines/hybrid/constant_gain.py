@@ -1,19 +1,25 @@
-"""A Kalman filter of constant gain, as a memory of a network.
+"""An extended Kalman filter with tabulated gains, as a memory of a network.
 
-x are the state of `modelling.linear_model` with the thrusts f of the rotors, and the wind d. Positions are those from
-the reference, velocities those in the world, rates those of the body, and thrusts those from hover. The axes are those
-of the heading at the last sample, and while there is none, of the predicted one. With f, a control period of the rigid
-body,
+x are the state of `modelling.linear_model`, the thrusts of the rotors less those at hover, and the wind d. Place and
+yaw are relative to the reference, velocities are those in the world, and rates are body rates. The axes are horizontal,
+with x along the heading: the measured one, and without a new sample the predicted one. With f, the motion of the rigid
+body over a control period,
 
-    (1)  x⁻ = R f(x, a_{k−1−N}) − j       a: actions; j: motion of the reference; R: to the axes of this step
+    (1)  x⁻ = R (f(x, a_{k−1−N}) − j)     a: actions; j: motion of the reference; R: to the axes of this step
     (2)  x = x⁻ + (L + s ΔL) i,           i = y − C x⁻, limited; without a new sample i = 0
     (3)  x_N = f(… f(x, a_{k−N}) …, a_{k−1}), when the next action acts
 
-f takes the substeps of the simulation: rate loop and rotors as there, and a step of second order with the thrusts in
-its middle. y are position, attitude and direction. s is that of equation (4) of `estimation.kalman`. L is that of
-`lqg`'s tables of gains, with lines between 0, 4, 10 and 30 periods without a sample, and between 0, 1, 2, 4, 8, 16 and
-30 corrections from the first sample, at which the rates are those of the reference's trajectory. N is the latency in
-whole periods, rounded.
+N is the latency in whole periods, rounded. y are position, Euler angles and direction. f takes the substeps of the
+simulation, with its rate loop and its rotors. In a substep the accelerations are constant: those of its start, with the
+thrusts of its middle. This is of first order in its length, and errs by 1 to 3 % of a change at tilts of 45°. In f the
+axes stay, as if the vehicle kept its heading, and propellers have no angular momentum. The masses are the nominal ones:
+others appear as a vertical force.
+
+L is that of `lqg`, with lines between its gains after 0, 4, 10 and 30 periods without a sample; to these the difference
+of its gain in early corrections from the steady one is added, with lines between 0, 1, 2, 4, 8, 16 and 30 corrections.
+What L corrects of the rates of the Euler angles is taken for body rates. s and ΔL = L_gust − L_calm, the steady one,
+are those of equation (4) of `estimation.kalman`. In the first step x is the measurement, with the rates of the
+reference's trajectory, the thrusts of hover and no wind.
 """
 
 from functools import lru_cache
@@ -51,12 +57,12 @@ MEASURED = tuple(MEASURED_COLUMNS.tolist())  # of x
 THRUSTS, WIND = MODEL_STATE_SIZE, MODEL_STATE_SIZE + ACTION_SIZE
 SIZE = WIND + MODEL_DISTURBANCE_SIZE
 _PSI, _BOB = 8, WIND + MODEL_BOB_FORCE.start
-_VECTORS = 0, 3, WIND, 12, 14, _BOB  # x components of vectors of x; the torque is one of the body
+_VECTORS = 0, 3, WIND, 12, 14, _BOB  # x components of vectors of x; the torque turns with the heading
 _COASTS = 0, 4, 10, 30  # control periods
 _EARLY = 0, 1, 2, 4, 8, 16, 30  # corrections
-_LIMIT, _LIMIT_RATE = 0.05, 3.0  # of i: m and rad, and these a second since the last sample
-_MOST, _TILT = 100.0, 1.2  # bounds of x: scales of `deviations`, and rad
-_LEAST_HEIGHT = 0.1  # of r_z²
+_LIMIT, _LIMIT_RATE = 0.05, 3.0  # of i: m, rad and 1, and these for each second without a sample before
+_MOST, _TILT = 100.0, 1.2  # bounds of x: scales of `deviations`, and of roll, pitch and the pole, rad
+_LEAST_SQUARE = 0.1  # of r_z
 # Memory: x; place and yaw of the reference; heading of the axes; time since the last sample; corrections; and a, the
 # oldest first
 _PLACE, _YAW, HEADING, _SINCE, _AGE, _UNDER_WAY = SIZE, SIZE + 3, SIZE + 4, SIZE + 5, SIZE + 6, SIZE + 7
@@ -66,12 +72,12 @@ class ConstantGain(NamedTuple):
     """The numbers of the filter."""
 
     gain: Floats  # L after a coast of each length of `_COASTS`, less that after the one before, (4, 28, 8)
-    early: Floats  # L after as many corrections as in `_EARLY`, less that after all later ones, (7, 28, 8)
-    gust: Floats  # ΔL, (28, 8)
-    bounds: Floats  # of x; what is measured has none, but for angles, (28,)
+    early: Floats  # L after as many corrections as in `_EARLY`, less the steady one; the last is zero, (7, 28, 8)
+    gust: Floats  # ΔL, zero without `gust_walk`, (28, 8)
+    bounds: Floats  # of |x|; infinite for place and yaw, (28,)
     physics: Floats  # parameters, (9, 1)
     rigid: Floats  # packed `RigidSettings`
-    gust_force: float  # N
+    gust_force: float  # on the bob from which on s = 1, N
     period: float  # s
     substeps: int
     delay: int  # N
@@ -82,7 +88,7 @@ def _delay(simulation: Simulation) -> int:
 
 
 def memory_size(simulation: Simulation) -> int:
-    """Return the length of the memory."""
+    """Return the length of the memory of the filter."""
     return int(_UNDER_WAY + ACTION_SIZE * _delay(simulation))
 
 
@@ -111,15 +117,15 @@ def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NO
 
 @inlined
 def height(x: float, y: float) -> float:
-    """Return the vertical component of a direction that points upwards."""
-    return float(np.sqrt(max(1.0 - x * x - y * y, _LEAST_HEIGHT)))
+    """Return the vertical component of a direction that points upwards, at least 0.32."""
+    return float(np.sqrt(max(1.0 - x * x - y * y, _LEAST_SQUARE)))
 
 
 @inlined
 def _accelerations(
     x: Any, thrusts: Four, p: Parameters, body: RigidPhysics, rigid: RigidSettings
 ) -> tuple[Vec3, Vec3, Vec3, Vec3]:
-    """Return the rates of velocity, Euler angles, body rate and direction rate."""
+    """Return the rates of velocity (m/s²), Euler angles (rad/s), body rate (rad/s²) and direction rate (1/s²)."""
     attitude, rate = quaternion_from_euler(Vec3(x[6], x[7], 0.0)), Vec3(x[9], x[10], x[11])
     rotation, air = rotation_matrix(attitude), Vec3(-x[3], -x[4], -x[5])
     up = height(x[12], x[13])
@@ -203,15 +209,16 @@ def observe(
 
     Args:
         numbers: The filter.
-        y: The measured state as in x, with the rates of the trajectory, which begin an episode, shape (n, 16).
-        sample: Yaw (rad); time since the last sample (s), 0 with one; 0 in the first step of an episode, else 1; shape
-            (n, 3).
-        reference: Its place and yaw, shape (n, 4).
+        y: The measured state as in x, in the axes of the measured heading, with the rates of the trajectory, with which
+            an episode begins, shape (n, 16).
+        sample: Measured yaw (rad); time since the last sample (s), 0 with a new one; 0 in the first step of an episode,
+            else 1; shape (n, 3).
+        reference: Place (m) and yaw (rad) of the reference, shape (n, 4).
         action: The last action, shape (n, 4).
-        last: The memory.
+        last: The memory, zeros at the start of an episode, shape (n, `memory_size`).
         now: The next memory.
-        later: x_N, shape (n, 28).
-        innovation: i, shape (n, 8).
+        later: x_N, in the axes that `now` has, shape (n, 28).
+        innovation: i, in the order of `MEASURED`, shape (n, 8).
     """
     rigid, p = unpack_rigid(numbers.rigid), load_physics(numbers.physics, 0)
     body, h = rigid_physics(p, rigid.correlation, rigid.pivot, rigid.shape), numbers.period / numbers.substeps

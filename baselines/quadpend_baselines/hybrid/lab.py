@@ -2,7 +2,8 @@
 
 The trajectory x_d of the nominal vehicle follows the reference in still air, whose drag it knows. m are the measured
 deviations from it, in the axes of the heading, so that no input depends on place or heading. z are those of the state
-x_N of `constant_gain` when the next action acts, with the thrusts of the rotors, and the wind; a_d follows x_d then.
+x_N of `constant_gain` when the next action acts, with the thrusts of the rotors, and the wind in the axes of x_N; a_d
+follows x_d then. The reference moves on by the latency until then, and x_N by whole periods.
 
 A sample that repeats position and direction of the one before, or lies too far from it (1), is not taken: m keeps its
 value, and the time g since the last sample grows by the control period T. With a sample, the lags of first-order
@@ -17,7 +18,7 @@ known noise over `NOISE` where that is above 1; without a sample the first two f
 
 | part                                                                                     | size | scale              |
 |------------------------------------------------------------------------------------------|------|--------------------|
-| m: tracking error (m); r_x r_y and φ θ less those of the trajectory; ψ_e (rad)           | 8    | 0.05 m, 0.05, 0.1  |
+| m: tracking error; r_x r_y, and φ θ ψ, less those of the trajectory                      | 8    | 0.05 m, 0.05, 0.1  |
 | u, with g = T in (2)                                                                     | 4    | 0.2                |
 | L for each τ                                                                             | 48   | as m and u         |
 | a_d                                                                                      | 4    | 1                  |
@@ -25,9 +26,11 @@ known noise over `NOISE` where that is above 1; without a sample the first two f
 | its velocity then in these axes                                                          | 3    | 2 m/s              |
 | time since the last sample                                                               | 1    | 0.05 s             |
 | believed length and mass of the pole                                                     | 2    | of the observation |
-| z                                                                                        | 28   | of `deviations`    |
+| z; its position is that of the vehicle                                                   | 28   | of `deviations`    |
 | innovation of `constant_gain`                                                            | 8    | 0.005 m, 0.005     |
-| a_n = a_d − F z with the feedback F of `lqg`, each component of F z and of a_n within ±1 | 4    | 1                  |
+| a_n = a_d − F z, each component of F z and of a_n within ±1                              | 4    | 1                  |
+
+F is the feedback of equation (2) of `lqg` for the nominal vehicle, with the gains of `lqg` for the paper's vehicle.
 """
 
 from functools import lru_cache
@@ -77,9 +80,9 @@ _SAME = 1e-6  # a sample that differs by less repeats the one before
 _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
 _OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0])  # scales
 _OF_INNOVATION = 0.005  # scale
-_MEASURED, _SIZE = 8, len(_SCALE)
-_LAGS = _SIZE * len(_TIMES)
-_LAG, _FOLLOWING = _SIZE, _SIZE + _LAGS  # places in the inputs
+_M_SIZE, _W_SIZE = 8, len(_SCALE)  # of m and w
+_LAGS = _W_SIZE * len(_TIMES)
+_LAG, _FOLLOWING = _W_SIZE, _W_SIZE + _LAGS  # places in the inputs
 _MOTION = _FOLLOWING + ACTION_SIZE
 _GAP = _MOTION + len(_OF_REFERENCE)
 _OWN_SIZE = _GAP + 3
@@ -88,7 +91,7 @@ NEAR = slice(LAB_SIZE - ACTION_SIZE, LAB_SIZE)  # a_n, to which `OUTPUT` times t
 OUTPUT = 2.0
 LAGS, FILTER = slice(_LAG, _FOLLOWING), slice(_OWN_SIZE, LAB_SIZE)
 # Memory: w, L, the last sample's position and direction, the time since, 1 after the first step, a_d, and the filter's
-_SAMPLE = _SIZE + _LAGS
+_SAMPLE = _W_SIZE + _LAGS
 _SINCE, _BEGUN, _FOLLOWED = _SAMPLE + 6, _SAMPLE + 7, _SAMPLE + 8
 _OWN_MEMORY = _FOLLOWED + ACTION_SIZE
 _POLE = LAB.columns["pole"].start
@@ -97,7 +100,7 @@ _POLE = LAB.columns["pole"].start
 class Measured(NamedTuple):
     """What a step measures, arrays of n rows."""
 
-    estimate: Floats  # measurements as in an estimate, (n, 106)
+    estimate: Floats  # measurements, laid out as an estimate, (n, 106)
     y: Floats  # see `constant_gain.observe`, (n, 16)
     sample: Floats  # likewise, (n, 3)
     reference: Floats  # likewise, (n, 4)
@@ -160,18 +163,18 @@ def _filter(found: Measured, action: Floats, period: float, last: Floats, u: Flo
         out[row, _GAP], fresh = now[row, _SINCE] / 0.05, np.exp(-now[row, _SINCE] / _FADE)
         for i in range(ACTION_SIZE):
             u[row, i] = select(begun > 0.5, action[row, i] - last[row, _FOLLOWED + i], 0.0)
-            out[row, _MEASURED + i] = u[row, i] / _SCALE[_MEASURED + i]
-        for i in range(_SIZE):
-            taken, time, faded = (is_taken, gap, fresh) if i < _MEASURED else (1.0, period, 1.0)
+            out[row, _M_SIZE + i] = u[row, i] / _SCALE[_M_SIZE + i]
+        for i in range(_W_SIZE):
+            taken, time, faded = (is_taken, gap, fresh) if i < _M_SIZE else (1.0, period, 1.0)
             out[row, i] = select(taken > 0.5, out[row, i], last[row, i])
             now[row, i] = out[row, i]
             change = select(begun > 0.5, out[row, i] - last[row, i], 0.0)
             for j in range(len(_TIMES)):
-                place = _SIZE * (1 + j) + i
+                place = _W_SIZE * (1 + j) + i
                 left, ratio = np.exp(-time / _TIMES[j]), _TIMES[j] / time
                 lag = left * last[row, place] + (1.0 - left) * ratio * change
                 now[row, place] = select(taken > 0.5, lag, last[row, place])
-                out[row, _LAG + _SIZE * j + i] = faded * now[row, place]
+                out[row, _LAG + _W_SIZE * j + i] = faded * now[row, place]
             out[row, i] *= faded
 
 
@@ -180,9 +183,10 @@ def _follow(
     later: Floats, memory: Floats, packed: Floats, packed_rigid: Floats, areas: tuple[float, float], latency: float,
     measured: Floats, outs: tuple[Floats, ...],
 ) -> None:  # fmt: skip
-    """Write the command of x_d, its rates and thrusts, z, and what the reference does, when the next action acts.
+    """Write the command of x_d (N, N·m), its body rates and thrusts, z, and the motion of the reference, scaled.
 
-    `later` is x_N in the axes that the filter remembers; `measured` has the reference now.
+    All are those when the next action acts. `later` is x_N in the axes that the memory of the filter has; `measured`
+    has the reference now, and is changed.
     """
     pendulum, rigid, (command, desired, z, motion) = unpack_pendulum(packed), unpack_rigid(packed_rigid), outs
     hover = rigid.rotors.hover
@@ -222,7 +226,7 @@ def _follow(
 
 @lru_cache(maxsize=256)
 def _feedback(simulation: Simulation) -> tuple[Floats, Floats]:
-    """Return Fᵀ of `lqg`, and the scales of z."""
+    """Return Fᵀ, shape (28, 4), and the scales of z, shape (28,)."""
     lqg: Any = controller("lqg")
     scales = deviation_scales(simulation.parameters.hover_thrust)[ACTION_SIZE:][:SIZE]
     return riccati(lqg.gains, simulation)[0].T, scales
