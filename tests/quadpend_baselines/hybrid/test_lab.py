@@ -10,6 +10,7 @@ from quadpend_baselines.hybrid import LabOnly, VectorHybridWrapper
 from quadpend_baselines.hybrid.constant_gain import NOISE
 from quadpend_baselines.hybrid.lab import NEAR, OUTPUT, lab_part
 from quadpend_baselines.hybrid.parts import Seen
+from quadpend_gym import Simulation
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.tasks.observation import LAB
 
@@ -90,7 +91,9 @@ def test_the_linear_feedback_is_added(flown: Any) -> None:
         np.testing.assert_array_equal(applied, np.clip(seen[:, NEAR] + np.float32(OUTPUT * action), -1.0, 1.0))
 
 
-def test_the_environment_must_have_positions() -> None:
+def test_the_environment_must_have_positions_and_a_rigid_vehicle(flown: Any) -> None:
     scenario = replace(SCENARIO, observation="output_feedback")
     with pytest.raises(ValueError, match="give the environment observation='lab'"):
         VectorHybridWrapper(scenario.make_vec(1), LabOnly())
+    with pytest.raises(ValueError, match="flies rigid vehicles, not paper"):
+        LabOnly().flown_in(Simulation()).observe(flown[0], None, np.ones(1, np.bool_))
