@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines.hybrid import VectorHybridWrapper
+from quadpend_baselines.hybrid.lab import LAB_SIZE
+from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.tasks.observation import FULL, LAB, OUTPUT_FEEDBACK
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from tests.helpers.bad_input import assert_refused
@@ -43,6 +46,15 @@ def test_action_is_the_output_of_the_network(activation: str, squashed: bool) ->
     assert action.dtype == np.float32
     assert memory is None
     assert np.abs(signal).max() > 1.0
+
+
+def test_a_policy_that_takes_no_repeated_samples_has_no_linear_model() -> None:
+    """At hover without noise all samples repeat: differences from there are not those of a flight."""
+    shape = [np.zeros(size, np.float32) for size in ((LAB_SIZE, 4), (4,))]
+    policy = MlpPolicy([(shape[0], shape[1])], card(hybrid={"kind": "lab_only", "base_controller": "lqg"}))
+    scenario = replace(find_scenario("flight_breeze"), observation=LAB)
+    assert not policy.adapt(scenario).has_linear_model
+    assert mlp_policy(36).has_linear_model
 
 
 def test_wrong_observations_and_sampling_are_refused() -> None:

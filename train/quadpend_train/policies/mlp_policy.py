@@ -84,6 +84,7 @@ class MlpPolicy(Policy):
         layouts = (as_layout(read.observation),) if read.observation else (FULL, OUTPUT_FEEDBACK)
         if self.hybrid and self.hybrid.reads == "lab":
             layouts = (LAB,)
+            self.has_linear_model = False  # samples at rest repeat, and repeated ones are not taken
         sizes = [self.hybrid.observation_size(layout.size) if self.hybrid else layout.size for layout in layouts]
         inputs = len(self.layers[0][0]) / (1 + len(self.input_scales))
         self.layouts = tuple(layout for layout, size in zip(layouts, sizes, strict=True) if size == inputs)
