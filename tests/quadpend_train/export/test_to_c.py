@@ -72,6 +72,13 @@ def test_networks_of_every_kind_are_written(inputs: int, hybrid: Any, flown: str
     assert check(source, DOUBLE).startswith("passed")
 
 
+def test_a_file_is_for_the_pole_of_the_vehicle_where_a_scenario_tells_others(tmp_path: Path) -> None:
+    source = tmp_path / "policy.c"
+    export_c(load_policy("lqg"), "lqg", scenario("event_training_pole_told"), source)
+    assert "#define policy_POLE {0.565, 0.05}" in source.with_suffix(".h").read_text()
+    assert check(source).startswith("passed")
+
+
 def vectors(source: Path) -> Floats:
     """The golden vectors, shape (100, 41)."""
     text = source.with_name(f"{source.stem}_check.c").read_text()

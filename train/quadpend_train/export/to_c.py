@@ -72,7 +72,7 @@ def export_c(
     stem = out.stem
     if out.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", stem, re.ASCII):
         raise ValueError(f"the name of a C file must be letters, digits and _, and end with .c, not {out.name!r}")
-    scenario = replace(scenario, observation=LAB)
+    scenario = replace(scenario, observation=LAB, pole_told=False)  # a C file is for the pole of the vehicle
     adapted = adapt(policy, name, scenario, gain_steps)
     inner, read = _inner(adapted)
     simulation, found = scenario.simulation, program(inner, scenario.simulation, read)
