@@ -5,9 +5,9 @@ deviations from it, in the axes of the heading, so that no input depends on plac
 x_N of `constant_gain` when the next action acts, with the thrusts of the rotors, and the wind in the axes of x_N; a_d
 follows x_d then. The reference moves on by the latency until then, and x_N by whole periods.
 
-A sample that repeats position and direction of the one before, or lies too far from it (1), is not taken: m keeps its
-value, and the time g since the last sample grows by the control period T. With a sample, the lags of first-order
-filters of w = (m, u), where u is the last action less its a_d, with w as a line between two samples, are
+A sample that repeats position and direction of the one before, lies too far from it (1), or is not finite, is not
+taken: m keeps its value, and the time g since the last sample grows by the control period T. With a sample, the lags of
+first-order filters of w = (m, u), where u is the last action less its a_d, with w as a line between two samples, are
 
     (1)  |p − p⁻| < 0.03 m + (3 m/s + |v_d|) g             ⁻: at the last sample; v_d: of the reference
     (2)  L = e^{−g/τ} L⁻ + (1 − e^{−g/τ}) τ/g (w − w⁻),    τ = 0.03, 0.12, 0.5 and 2 s;   L = 0 at the start
@@ -69,7 +69,7 @@ from quadpend_gym.physics.attitude import body_rate, euler_rate, quaternion_from
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE, ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import unpack_rigid
-from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION
+from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, POSITION
 from quadpend_gym.physics.vectors import Vec3, add, axpy, load, multiply, norm, store, store_four
 from quadpend_gym.tasks.observation import LAB
 
@@ -77,6 +77,7 @@ _TIMES = np.array([0.03, 0.12, 0.5, 2.0])  # τ, s
 _FAR, _SPEED = 0.03, 3.0  # of (1), m and m/s
 _FADE = 0.1  # s
 _SAME = 1e-6  # a sample that differs by less repeats the one before
+_FINITE = 1e9  # squared m and 1, and rad
 _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
 _OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0])  # scales
 _OF_INNOVATION = 0.005  # scale
@@ -146,14 +147,15 @@ def _filter(found: Measured, action: Floats, period: float, last: Floats, u: Flo
     for row in range(out.shape[0]):
         measured, begun, gap = found.estimate, last[row, _BEGUN], last[row, _SINCE] + period
         speed = _SPEED + norm(load(measured.T, PLACE + 3, row))
-        changed = distance = 0.0
+        changed = distance = turn = 0.0
         for i in range(3):
             step = measured[row, POSITION + i] - last[row, _SAMPLE + i]
             turned = measured[row, DIRECTION + i] - last[row, _SAMPLE + 3 + i]
             distance += step * step
             changed += step * step + turned * turned
+            turn += abs(measured[row, EULER + i])
         is_taken = select(changed > _SAME**2, select(distance < (_FAR + speed * gap) ** 2, 1.0, 0.0), 0.0)
-        is_taken = select(begun > 0.5, is_taken, 1.0)
+        is_taken = select(begun > 0.5, select(changed + turn < _FINITE, is_taken, 0.0), 1.0)
         for i in range(3):
             place = _SAMPLE + i
             now[row, place] = select(is_taken > 0.5, measured[row, POSITION + i], last[row, place])

@@ -73,6 +73,19 @@ def test_samples_that_repeat_or_lie_far_away_are_not_taken(flown: Any) -> None:
         )
 
 
+@pytest.mark.parametrize(
+    ("columns", "value"), [(POSITION, np.nan), (ORIENTATION, 0.0), (ORIENTATION, np.nan), (DIRECTION, np.inf)]
+)
+def test_a_sample_that_is_not_finite_is_not_taken(flown: Any, columns: slice, value: float) -> None:
+    """A quaternion of zeros has no attitude."""
+    given, repeated = flown.copy(), flown.copy()
+    given[5, :, columns] = value
+    for same in (POSITION, ORIENTATION, DIRECTION):
+        repeated[5, :, same] = flown[4, :, same]
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_array_equal(seen_in(given), seen_in(repeated))
+
+
 def test_measurements_count_less_the_noisier_they_are(flown: Any) -> None:
     seen = Seen(flown[0], np.zeros((1, 4), np.float32), *[np.zeros((1, 4))] * 3)
     usual, noisy = (lab_part(SCENARIO.simulation, noise) for noise in (NOISE, (4.0 * NOISE[0], *NOISE[1:])))
