@@ -49,7 +49,7 @@ DESIGN = replace(SCENARIOS["flight_breeze"], observation=LAB)  # the scenario fo
 POLICIES = {
     "lqg": "lqg",
     "apg-flight-0": "apg-flight",
-    "lab-0": "lab",
+    "lab-0": "lab-0",
     "flatness": "flatness",
     "adrc-paper": "adrc-paper",
 }
@@ -80,10 +80,12 @@ def flown(**changes: Any) -> Scenario:
 def write_c(folder: Path) -> str:
     """Write the C of the page into a folder, functions that several policies have once; return its hash."""
     shared: dict[str, str] = {}
+    called: dict[str, str] = {}  # names of functions that later ones of a file may call
 
     def share(match: re.Match[str]) -> str:
-        name = f"{match[2]}_{hashlib.sha256(match[0].encode()).hexdigest()[:8]}"
-        shared[name] = match[0].removeprefix("static ").replace(match[2], name, 1)
+        text = re.sub(r"\b(\w+)(?=\(x, y\);)", lambda call: called[call[0]], match[0])
+        name = f"{match[2]}_{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+        shared[name], called[match[2]] = text.removeprefix("static ").replace(match[2], name, 1), name
         return f"{match[1].replace(match[2], name, 1)};\n#define {match[2]} {name}\n"
 
     sources = [_vehicle_c()]
