@@ -128,21 +128,15 @@ def _load_quaternion(state: Any, lane: int) -> Quaternion:
 
 
 @inlined
-def commanded_wrench(action: Four, thrusts: Four, rate: Vec3, rigid: RigidSettings) -> Four:
-    """Return thrust (N) and torques (N·m) that an action commands, before the limits of the rotors."""
+def command_rotors(action: Four, thrusts: Four, rate: Vec3, rigid: RigidSettings) -> Four:
+    """Return the rotor thrusts (N) that an action commands; `thrusts` are the present ones (N), `rate` is ω (rad/s)."""
     rotors, scales = rigid.rotors, rigid.command_scale
     thrust = scales.a * (1.0 + action.a)
     torque, trim = Vec3(scales.b * action.b, scales.c * action.c, scales.d * action.d), rigid.trim
     if rigid.interface == BODY_RATES:
         present = wrench_of(thrusts, rotors)
         torque = rate_loop(rate, torque, axpy(-1.0, trim, Vec3(present.b, present.c, present.d)), rigid.loop)
-    return Four(thrust, torque.x + trim.x, torque.y + trim.y, torque.z + trim.z)
-
-
-@inlined
-def command_rotors(action: Four, thrusts: Four, rate: Vec3, rigid: RigidSettings) -> Four:
-    """Return the rotor thrusts (N) that an action commands; `thrusts` are the present ones (N), `rate` is ω (rad/s)."""
-    wrench, rotors = commanded_wrench(action, thrusts, rate, rigid), rigid.rotors
+    wrench = Four(thrust, torque.x + trim.x, torque.y + trim.y, torque.z + trim.z)
     if rotors.has_rotors == 0.0:
         return clip4(wrench, rotors.lowest, rotors.highest)
     return thrusts_from_hover(action, rotors) if rigid.interface == ROTOR_THRUSTS else allocate(wrench, rotors)

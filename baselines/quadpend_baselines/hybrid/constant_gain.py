@@ -72,7 +72,7 @@ class ConstantGain(NamedTuple):
     """The numbers of the filter."""
 
     gain: Floats  # L after a coast of each length of `_COASTS`, less that after the one before, (4, 28, 8)
-    early: Floats  # L after as many corrections as in `_EARLY`, less the steady one; the last is zero, (7, 28, 8)
+    early: Floats  # L after as many corrections as in `_EARLY` but the last, less the steady one, (6, 28, 8)
     gust: Floats  # ΔL, zero without `gust_walk`, (28, 8)
     bounds: Floats  # of |x|; infinite for place and yaw, (28,)
     physics: Floats  # parameters, (9, 1)
@@ -101,11 +101,10 @@ def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NO
     law: Any = controller("lqg").designed_for(simulation, Loop(noise=(position, euler, direction), observation=LAB))
     table, measured, p = law.estimator.tables[0], np.array(MEASURED), simulation.parameters
     kept, late = np.r_[0:MODEL_STATE_SIZE, WIND:SIZE], VARYING_STEPS - 1
-    gain, early = (np.zeros((len(ages), SIZE, len(MEASURED))) for ages in (_COASTS, _EARLY))
+    gain, early = (np.zeros((len(ages), SIZE, len(MEASURED))) for ages in (_COASTS, _EARLY[:-1]))
     gust = np.zeros_like(gain[0])
     gain[:, kept] = np.diff(table[late + np.array(_COASTS)][:, :, measured], axis=0, prepend=0.0)
-    early[:, kept] = table[np.array(_EARLY)][:, :, measured] - table[late][:, measured]
-    early[-1] = 0.0
+    early[:, kept] = table[np.array(_EARLY[:-1])][:, :, measured] - table[late][:, measured]
     if table.shape[2] > MODEL_STATE_SIZE:
         gust[kept] = table[late][:, MODEL_STATE_SIZE + measured]
     bounds = _MOST * deviation_scales(p.hover_thrust)[ACTION_SIZE:][:SIZE]
@@ -251,13 +250,13 @@ def observe(
             for i in range(SIZE):
                 x[i] += weight * _product(numbers.gain[k], i, innovation, row)
         age = last[row, _AGE]
-        for k in range(len(_EARLY) - 1):
+        for k in range(len(numbers.early)):
             weight = 1.0 - _ramp(age, _EARLY[k], _EARLY[k + 1])
             weight *= _ramp(age, _EARLY[k - 1], _EARLY[k]) if k > 0 else 1.0
             for i in range(SIZE):
                 x[i] += weight * _product(numbers.early[k], i, innovation, row)
         now[row, _SINCE] = sample[row, 1]
-        now[row, _AGE] = select(begun > 0.5, min(age + taken, 1.0 * _EARLY[len(_EARLY) - 1]), 0.0)
+        now[row, _AGE] = select(begun > 0.5, min(age + taken, 1.0 * _EARLY[-1]), 0.0)
         for i in range(SIZE):
             first = y[row, i] if i < MODEL_STATE_SIZE else 0.0
             x[i] = min(max(select(begun > 0.5, x[i], first), -numbers.bounds[i]), numbers.bounds[i])
