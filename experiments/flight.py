@@ -25,7 +25,7 @@ from quadpend_train.evaluation.metrics import cells
 from quadpend_train.evaluation.ranking import gentle, multiple, survivors
 from quadpend_train.reports import figures, tables
 
-POLICIES = "lqg", "lab-0", "dual-mode", "flatness", "lqi", "adrc-matched", "adrc-paper", "apg-flight"
+POLICIES = "lqg", "lab", "dual-mode", "flatness", "lqi", "adrc-matched", "adrc-paper", "apg-flight"
 MARKERS = "os^vDP*X<>ph"
 FEWER = "lqi", "adrc-matched", "adrc-paper"  # have no columns in the table of limits
 FOLDER, ROWS = DOCS / "flight", 10  # rows of the table in the README

@@ -21,7 +21,6 @@ from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from hashlib import sha256
-from inspect import getsource
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +28,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+import quadpend_baselines
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid import constant_gain, lab
 from quadpend_baselines.hybrid.lab import FILTER, LAB_SIZE, LAGS, NEAR, OUTPUT, lab_part
 from quadpend_baselines.policy.told import scaled_pole
-from quadpend_gym import __version__
+from quadpend_gym import __version__, physics
 from quadpend_gym.device.env import Kernel, Motion, QuadPendulumDeviceEnv
 from quadpend_gym.device.library import Library
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
@@ -208,7 +207,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 @cache
 def head() -> str:
     """Return the first line of a source of inputs, which names their equations."""
-    equations = "".join(map(getsource, (lab, constant_gain))) + TEACH
+    folders = Path(quadpend_baselines.__file__).parent, Path(physics.__file__).parent
+    equations = "".join(path.read_text("utf-8") for one in folders for path in sorted(one.rglob("*.py"))) + TEACH
     return f"/* quadpend_gym {__version__}, inputs {sha256(equations.encode()).hexdigest()[:16]} */\n"
 
 

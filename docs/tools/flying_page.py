@@ -49,7 +49,7 @@ DESIGN = replace(SCENARIOS["flight_breeze"], observation=LAB)  # the scenario fo
 POLICIES = {
     "lqg": "lqg",
     "apg-flight-0": "apg-flight",
-    "lab-0": "lab-0",
+    "lab-0": "lab",
     "flatness": "flatness",
     "adrc-paper": "adrc-paper",
 }

@@ -41,10 +41,9 @@ from quadpend_gym.physics.attitude import (
     normalised,
     quaternion_from_euler,
     rotation_matrix,
-    to_body,
     to_world,
 )
-from quadpend_gym.physics.drag import add_drag
+from quadpend_gym.physics.drag import add_drag, rotor_drag_force
 from quadpend_gym.physics.dynamics import load_physics
 from quadpend_gym.physics.plant_kernel import (
     LANE_STATE_SIZE,
@@ -148,10 +147,8 @@ def _prepare(state: Any, action: Four, velocity: Any, rigid: RigidSettings, lane
     thrusts, rate = load_four(state, _ROTOR_THRUST, lane), load(state, _BODY_RATE, lane)
     store_four(state, _WANTED, lane, command_rotors(action, thrusts, rate, rigid))
     rotation = rotation_matrix(_load_quaternion(state, lane))
-    relative = to_body(rotation, axpy(-1.0, load(state, VELOCITY, lane), load(velocity, 0, lane)))
-    drag = rigid.rotor_drag
-    force = Vec3(drag.x * relative.x, drag.y * relative.y, drag.z * relative.z)
-    store(state, _ROTOR_DRAG, lane, to_world(rotation, force))
+    relative = axpy(-1.0, load(state, VELOCITY, lane), load(velocity, 0, lane))
+    store(state, _ROTOR_DRAG, lane, rotor_drag_force(rigid.rotor_drag, rotation, relative))
 
 
 @inlined

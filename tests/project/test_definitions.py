@@ -30,7 +30,7 @@ DELAYS = {
     "train/quadpend_train/flight_logs/replay.py": "the delay between motors and motion of a log",
     # Exceptions:
     "baselines/quadpend_baselines/estimation/loop.py": "actions under way and actuators, as the observer follows them",
-    "baselines/quadpend_baselines/hybrid/constant_gain.py": "actions under way in the memory of a network",
+    "baselines/quadpend_baselines/hybrid/scheduled_gain.py": "actions under way in the memory of a network",
     "train/quadpend_train/cli/flying.py": "when a sample leaves the desk, by the clock on the wall",
     "train/quadpend_train/links/desk.py": "when a sample leaves the desk, by the clock on the wall",
     "quadpend_gym/wrappers.py": "a history of observations, no delay",

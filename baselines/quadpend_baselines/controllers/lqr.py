@@ -215,8 +215,7 @@ def lqr(
 ) -> tuple[Four, Vec3]:
     """Return thrust (N) and torques (N·m) of equation (1), and the integrals σ (m·s, world frame) after this step."""
     x, command = deviation(s, calm(), reference, model, rigid)
-    near = limit_length(x.position, numbers.reach)
-    position = Vec3(near.x, near.y, x.position.z)
+    position = limit_length(x.position, numbers.reach)
     x = VehicleState(position, x.velocity, x.euler, x.euler_rate, x.direction, x.direction_rate)
     command = minus4(command, feedback(model_state(x, 0.0, 1.0), gain, 0))
     if gain.shape[1] == MODEL_STATE_SIZE:

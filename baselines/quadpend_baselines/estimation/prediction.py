@@ -38,8 +38,8 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.envs.loops import Schedule
-from quadpend_gym.physics.attitude import Quaternion, rotation_matrix, to_body, to_world
-from quadpend_gym.physics.drag import AIR_DENSITY, drag_force
+from quadpend_gym.physics.attitude import Quaternion, rotation_matrix
+from quadpend_gym.physics.drag import AIR_DENSITY, drag_force, rotor_drag_force
 from quadpend_gym.physics.euler_kernel import EulerSettings, integrate_euler
 from quadpend_gym.physics.plant_kernel import LOOP_SIZE
 from quadpend_gym.physics.rigid_kernel import QUATERNION, RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
@@ -190,9 +190,7 @@ def add_reference_drag(memory: Any, lane: int, loop: LoopNumbers, rigid: RigidSe
     if rigid is not None:
         q = load_four(memory, RIGID_PART + QUATERNION, lane)
         rotation = rotation_matrix(Quaternion(q.a, q.b, q.c, q.d))
-        body, drag = to_body(rotation, d1), rigid.rotor_drag
-        force = to_world(rotation, Vec3(drag.x * body.x, drag.y * body.y, drag.z * body.z))
-        on_vehicle = axpy(-1.0, force, on_vehicle)
+        on_vehicle = axpy(-1.0, rotor_drag_force(rigid.rotor_drag, rotation, d1), on_vehicle)
     first, second = DISTURBANCE + FORCE, DISTURBANCE + BOB_FORCE
     store(memory, first, lane, add(load(memory, first, lane), on_vehicle))
     store(memory, second, lane, add(load(memory, second, lane), _more_drag(plant.bob_drag_area, bob, d1)))

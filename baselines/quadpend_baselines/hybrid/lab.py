@@ -2,14 +2,20 @@
 
 The trajectory x_d of the nominal vehicle follows the reference in still air, whose drag it knows. m are the measured
 deviations from it, in the axes of the heading, so that no input depends on place or heading. z are those of the state
-x_N of `constant_gain` when the next action acts, with the thrusts of the rotors, and the wind in the axes of x_N; a_d
-follows x_d then. The reference moves on by the latency until then, and x_N by whole periods.
+x_N of `scheduled_gain` when the next action acts, with the thrusts of the rotors, and the wind in the axes of x_N; a_d
+follows x_d then. The reference moves on by the latency until then, and x_N by whole periods. The horizontal errors of
+position in m and z are limited to a length of 1.2 m, and the vertical ones to ±1 m: a vehicle that is farther from its
+reference flies as if it were at the limit.
 
-A sample that repeats position and direction of the one before, lies too far from it (1), or is not finite, is not
-taken: m keeps its value, and the time g since the last sample grows by the control period T. With a sample, the lags of
+A sample is taken if its position or its direction differs from that of the last sample taken, if it is finite, and if
+it satisfies (1). Otherwise m keeps its value, and the time g since the last sample taken grows by the control period T.
+If `MOST_REFUSED` samples violate (1) and none is taken between them, the next one that does is taken as a step of the
+measurement, in which the vehicle did not move: L and what the filter does not measure go on. With a sample, the lags of
 first-order filters of w = (m, u), where u is the last action less its a_d, with w as a line between two samples, are
 
-    (1)  |p − p⁻| < 0.03 m + (3 m/s + |v_d|) g             ⁻: at the last sample; v_d: of the reference
+    (1)  |p − p⁻| < 0.03 m + (3 m/s + |v_d|) g             ⁻: at the last sample taken; v_d: of the reference
+         |e − e⁻| < 0.1 rad + 10 rad/s g                   e: Euler angles, whose differences are within half a turn
+         |r − r⁻| < 0.06 + 3/s g                           r: direction of the pole
     (2)  L = e^{−g/τ} L⁻ + (1 − e^{−g/τ}) τ/g (w − w⁻),    τ = 0.03, 0.12, 0.5 and 2 s;   L = 0 at the start
 
 L is about τ ẇ where w changes slowly. From L a network can infer velocities, the response to its actions, mean wind and
@@ -24,10 +30,10 @@ known noise over `NOISE` where that is above 1; without a sample the first two f
 | a_d                                                                                      | 4    | 1                  |
 | acceleration of the reference then, in the axes of the heading, and the rate of its yaw  | 4    | 2 m/s², 1 rad/s    |
 | its velocity then in these axes                                                          | 3    | 2 m/s              |
-| time since the last sample                                                               | 1    | 0.05 s             |
+| time since the last sample taken                                                         | 1    | 0.05 s             |
 | believed length and mass of the pole                                                     | 2    | of the observation |
 | z; its position is that of the vehicle                                                   | 28   | of `deviations`    |
-| innovation of `constant_gain`                                                            | 8    | 0.005 m, 0.005     |
+| innovation of `scheduled_gain`                                                           | 8    | 0.005 m, 0.005     |
 | a_n = a_d − F z, each component of F z and of a_n within ±1                              | 4    | 1                  |
 
 F is the feedback of equation (2) of `lqg` for the nominal vehicle, with the gains of `lqg` for the paper's vehicle:
@@ -41,31 +47,32 @@ import numpy as np
 
 from quadpend_baselines.controllers.lqg import riccati
 from quadpend_baselines.controllers.lqr import deviation
-from quadpend_baselines.estimation.estimate import LOOP, PLACE, POLE, STATE, YAW, law_inputs
+from quadpend_baselines.estimation.estimate import LOOP, PLACE, POLE, STATE, YAW, law_inputs, near_angle
 from quadpend_baselines.estimation.measurement import measure_in_world
 from quadpend_baselines.estimation.prediction import move_reference, store_drag
-from quadpend_baselines.hybrid.constant_gain import (
+from quadpend_baselines.estimation.samples import MOST_REFUSED
+from quadpend_baselines.hybrid.deviations import deviation_scales
+from quadpend_baselines.hybrid.parts import InputPart, Seen
+from quadpend_baselines.hybrid.scheduled_gain import (
     HEADING,
     MEASURED,
     NOISE,
     SIZE,
     THRUSTS,
     WIND,
-    constant_gain,
     height,
     memory_size,
     observe,
+    scheduled_gain,
 )
-from quadpend_baselines.hybrid.deviations import deviation_scales
-from quadpend_baselines.hybrid.parts import InputPart, Seen
 from quadpend_baselines.modelling.equivalent import equivalent_model, unpack_pendulum
 from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE, model_state
-from quadpend_baselines.modelling.quantities import VehicleState, calm, store_vectors, turn3
+from quadpend_baselines.modelling.quantities import VehicleState, bob_offset, calm, limit_length, store_vectors, turn3
 from quadpend_baselines.registry import controller
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import select, sincos
-from quadpend_gym.core.jit import compiled
+from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.attitude import body_rate, euler_rate, quaternion_from_euler, rotation_matrix
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, RIGID_SIZE, ROTOR_THRUST
@@ -75,10 +82,11 @@ from quadpend_gym.physics.vectors import Vec3, add, axpy, load, multiply, norm, 
 from quadpend_gym.tasks.observation import LAB
 
 _TIMES = np.array([0.03, 0.12, 0.5, 2.0])  # τ, s
-_FAR, _SPEED = 0.03, 3.0  # of (1), m and m/s
+_GATES = (0.03, 3.0), (0.1, 10.0), (0.06, 3.0)  # of (1): m, rad and 1, and these for each second
 _FADE = 0.1  # s
-_SAME = 1e-6  # a sample that differs by less repeats the one before
-_FINITE = 1e9  # squared m and 1, and rad
+REACH, VERTICAL_REACH = 1.2, 1.0  # limits of horizontal and vertical errors of position, m
+_SAME = 1e-6  # a sample that differs by less repeats the last one taken
+_FINITE = 1e6  # limit of the absolute numbers of a finite sample, added
 _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
 _OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0])  # scales
 _OF_INNOVATION = 0.005  # scale
@@ -92,9 +100,11 @@ LAB_SIZE = _OWN_SIZE + SIZE + len(MEASURED) + ACTION_SIZE
 NEAR = slice(LAB_SIZE - ACTION_SIZE, LAB_SIZE)  # a_n, to which `OUTPUT` times the policy's action is added
 OUTPUT = 2.0
 LAGS, FILTER = slice(_LAG, _FOLLOWING), slice(_OWN_SIZE, LAB_SIZE)
-# Memory: w, L, the last sample's position and direction, the time since, 1 after the first step, a_d, and the filter's
+# Memory: w; L; what the last sample taken has of `_SAMPLED`; the time since; how many samples violated (1) since; 1
+# after the first step; a_d; and that of the filter
+_SAMPLED = POSITION, EULER, DIRECTION
 _SAMPLE = _W_SIZE + _LAGS
-_SINCE, _BEGUN, _FOLLOWED = _SAMPLE + 6, _SAMPLE + 7, _SAMPLE + 8
+_SINCE, _REFUSED, _BEGUN, _FOLLOWED = _SAMPLE + 9, _SAMPLE + 10, _SAMPLE + 11, _SAMPLE + 12
 _OWN_MEMORY = _FOLLOWED + ACTION_SIZE
 _POLE = LAB.columns["pole"].start
 
@@ -103,9 +113,16 @@ class Measured(NamedTuple):
     """What a step measures, arrays of n rows."""
 
     estimate: Floats  # measurements, laid out as an estimate, (n, 106)
-    y: Floats  # see `constant_gain.observe`, (n, 16)
-    sample: Floats  # likewise, (n, 3)
+    y: Floats  # see `scheduled_gain.observe`, (n, 16)
+    sample: Floats  # likewise, (n, 4)
     reference: Floats  # likewise, (n, 4)
+
+
+@inlined
+def _within_reach(error: Vec3) -> Vec3:
+    """Return an error of position (m) within its limits."""
+    near = limit_length(error, REACH)
+    return Vec3(near.x, near.y, min(max(near.z, -VERTICAL_REACH), VERTICAL_REACH))
 
 
 @compiled
@@ -120,7 +137,7 @@ def _measure(
         store_drag(measured.T, row, 1.0, areas, rigid.rotor_drag)
         state, _, reference = law_inputs(measured, row)
         error, _ = deviation(state, calm(), reference, pendulum, rigid)
-        tracking = axpy(p.rod_length, Vec3(error.direction.x, error.direction.y, 0.0), error.position)
+        tracking = _within_reach(bob_offset(error, p.rod_length)[0])
         for i in range(3):
             out[row, i], out[row, 5 + i] = tracking[i] / _SCALE[i], error.euler[i] / _SCALE[5 + i]
         for i in range(2):
@@ -147,22 +164,28 @@ def _filter(found: Measured, action: Floats, period: float, last: Floats, u: Flo
     """Write u, and what the network sees of it and of m, and the next memory, equations (1) and (2)."""
     for row in range(out.shape[0]):
         measured, begun, gap = found.estimate, last[row, _BEGUN], last[row, _SINCE] + period
-        speed = _SPEED + norm(load(measured.T, PLACE + 3, row))
-        changed = distance = turn = 0.0
+        is_near, changed, size = 1.0, 0.0, 0.0
+        for k, columns in enumerate(_SAMPLED):
+            square = 0.0
+            for i in range(3):
+                before, value = last[row, _SAMPLE + 3 * k + i], measured[row, columns + i]
+                change = near_angle(value, before) - before if columns == EULER else value - before
+                square += change * change
+                size += abs(value)
+            speed = _GATES[k][1] + (norm(load(measured.T, PLACE + 3, row)) if columns == POSITION else 0.0)
+            is_near *= select(square < (_GATES[k][0] + speed * gap) ** 2, 1.0, 0.0)
+            changed += 0.0 if columns == EULER else square
+        is_new = select(changed > _SAME**2, select(size < _FINITE, 1.0, 0.0), 0.0)
+        refused = last[row, _REFUSED] + is_new * (1.0 - is_near)
+        anew = begun * select(refused > MOST_REFUSED + 0.5, 1.0, 0.0)
+        is_taken = select(begun > 0.5, max(is_new * is_near, anew), 1.0)
         for i in range(3):
-            step = measured[row, POSITION + i] - last[row, _SAMPLE + i]
-            turned = measured[row, DIRECTION + i] - last[row, _SAMPLE + 3 + i]
-            distance += step * step
-            changed += step * step + turned * turned
-            turn += abs(measured[row, EULER + i])
-        is_taken = select(changed > _SAME**2, select(distance < (_FAR + speed * gap) ** 2, 1.0, 0.0), 0.0)
-        is_taken = select(begun > 0.5, select(changed + turn < _FINITE, is_taken, 0.0), 1.0)
-        for i in range(3):
-            place = _SAMPLE + i
-            now[row, place] = select(is_taken > 0.5, measured[row, POSITION + i], last[row, place])
-            now[row, place + 3] = select(is_taken > 0.5, measured[row, DIRECTION + i], last[row, place + 3])
+            for k, columns in enumerate(_SAMPLED):
+                place = _SAMPLE + 3 * k + i
+                now[row, place] = select(is_taken > 0.5, measured[row, columns + i], last[row, place])
+        now[row, _REFUSED] = select(is_taken > 0.5, 0.0, refused)
         now[row, _SINCE], now[row, _BEGUN] = select(is_taken > 0.5, 0.0, gap), 1.0
-        found.sample[row, 1], found.sample[row, 2] = now[row, _SINCE], begun
+        found.sample[row, 1], found.sample[row, 2], found.sample[row, 3] = is_taken, begun, anew
         out[row, _GAP], fresh = now[row, _SINCE] / 0.05, np.exp(-now[row, _SINCE] / _FADE)
         for i in range(ACTION_SIZE):
             u[row, i] = select(begun > 0.5, action[row, i] - last[row, _FOLLOWED + i], 0.0)
@@ -171,7 +194,8 @@ def _filter(found: Measured, action: Floats, period: float, last: Floats, u: Flo
             taken, time, faded = (is_taken, gap, fresh) if i < _M_SIZE else (1.0, period, 1.0)
             out[row, i] = select(taken > 0.5, out[row, i], last[row, i])
             now[row, i] = out[row, i]
-            change = select(begun > 0.5, out[row, i] - last[row, i], 0.0)
+            moves = begun * (1.0 - anew) if i < _M_SIZE else begun
+            change = select(moves > 0.5, out[row, i] - last[row, i], 0.0)
             for j in range(len(_TIMES)):
                 place = _W_SIZE * (1 + j) + i
                 left, ratio = np.exp(-time / _TIMES[j]), _TIMES[j] / time
@@ -215,6 +239,7 @@ def _follow(
         store_four(desired.T, ROTOR_THRUST, row, thrusts)
         for i in range(len(deviations)):
             z[row, i] = deviations[i]
+        store(z.T, 0, row, _within_reach(error.position))
         for i in range(ACTION_SIZE):
             z[row, THRUSTS + i] = later[row, THRUSTS + i] + hover[i] - thrusts[i]
         for i in range(WIND, SIZE):
@@ -239,10 +264,10 @@ def _lab(known: tuple[Simulation, tuple[float, float, float]], seen: Seen, memor
     LAB.check(seen.observation)
     observed, action = seen.observation.astype(np.float64), seen.action.astype(np.float64)
     (simulation, noise), rows = known, len(observed)
-    numbers, model, (feedback, scales) = constant_gain(*known), equivalent_model(simulation), _feedback(simulation)
+    numbers, model, (feedback, scales) = scheduled_gain(*known), equivalent_model(simulation), _feedback(simulation)
     p, packed = simulation.parameters, (model.packed, numbers.rigid)
     areas = p.quadrotor_drag_area, p.bob_drag_area
-    found = Measured(*[np.zeros((rows, size)) for size in (LOOP, MODEL_STATE_SIZE, 3, 4)])
+    found = Measured(*[np.zeros((rows, size)) for size in (LOOP, MODEL_STATE_SIZE, 4, 4)])
     own, now, u = np.empty((rows, _OWN_SIZE)), np.empty((rows, _OWN_MEMORY)), np.empty((rows, ACTION_SIZE))
     _measure(observed, *packed, areas, found, own)
     _filter(found, action, simulation.period, memory, u, own, now)

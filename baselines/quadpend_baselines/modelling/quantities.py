@@ -21,7 +21,7 @@ from quadpend_gym.physics.state import (
     TORQUE,
     VELOCITY,
 )
-from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, load, scale, store
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, load, store
 
 
 class VehicleState(NamedTuple):
@@ -162,8 +162,9 @@ def turn3(v: Vec3, sine: float, cosine: float) -> Vec3:
 
 @inlined
 def limit_length(v: Vec3, limit: float) -> Vec3:
-    """Return a horizontal vector, scaled down if it is longer than `limit`."""
-    return scale(limit / max(np.sqrt(v.x * v.x + v.y * v.y), limit), v)
+    """Return a vector whose horizontal part is scaled down if it is longer than `limit`."""
+    share = limit / max(np.sqrt(v.x * v.x + v.y * v.y), limit)
+    return Vec3(share * v.x, share * v.y, v.z)
 
 
 @inlined

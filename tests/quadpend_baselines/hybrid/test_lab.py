@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from quadpend_baselines.estimation.samples import MOST_REFUSED
 from quadpend_baselines.hybrid import LabOnly, VectorHybridWrapper
-from quadpend_baselines.hybrid.constant_gain import NOISE
-from quadpend_baselines.hybrid.lab import NEAR, OUTPUT, lab_part
+from quadpend_baselines.hybrid.deviations import deviation_scales
+from quadpend_baselines.hybrid.lab import FILTER, NEAR, OUTPUT, REACH, VERTICAL_REACH, lab_part
 from quadpend_baselines.hybrid.parts import Seen
+from quadpend_baselines.hybrid.scheduled_gain import MEASURED, NOISE
 from quadpend_gym import Simulation
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.tasks.observation import LAB
@@ -17,6 +19,7 @@ from quadpend_gym.tasks.observation import LAB
 SCENARIO = replace(find_scenario("flight_training_motion"), sensors=())
 POSITION, DIRECTION, ORIENTATION = (LAB.columns[name] for name in ("position", "direction", "quaternion"))
 LAGS, SINCE = np.r_[tuple(slice(12 * j, 12 * j + 8) for j in range(1, 5))], 71  # the lags of m
+INNOVATION = slice(NEAR.start - len(MEASURED), NEAR.start)
 
 
 def seen_in(observations: Any) -> Any:
@@ -53,17 +56,25 @@ def test_the_inputs_do_not_depend_on_place_and_heading(flown: Any) -> None:
     np.testing.assert_allclose(seen_in(moved), seen_in(flown), rtol=2e-3, atol=5e-3)  # of 2e-6 m
 
 
+def test_a_whole_turn_of_the_yaw_reference_changes_nothing(flown: Any) -> None:
+    turned = flown.copy()
+    turned[6:, :, LAB.columns["yaw_reference"].start] += 2.0 * np.pi
+    np.testing.assert_allclose(seen_in(turned), seen_in(flown), rtol=1e-3, atol=1e-3)
+
+
 def test_samples_that_repeat_or_lie_far_away_are_not_taken(flown: Any) -> None:
     expected = seen_in(flown)
     assert (expected[..., SINCE] == 0.0).all()
     assert np.abs(expected[-1, :, LAGS]).max() > 0.05
-    for disturbed in ("repeated", "far"):
+    for disturbed in (None, POSITION, ORIENTATION, DIRECTION):
         given = flown.copy()
-        state = [POSITION, ORIENTATION, DIRECTION]
-        for columns in state:
-            given[5:8, :, columns] = flown[4, :, columns]
-        if disturbed == "far":
-            given[5:8, :, POSITION.start] += 1.0
+        if disturbed is None:
+            for columns in (POSITION, ORIENTATION, DIRECTION):
+                given[5:8, :, columns] = flown[4, :, columns]
+        elif disturbed is ORIENTATION:
+            given[5:8, :, ORIENTATION] = flown[5:8, :, ORIENTATION][..., [1, 0, 3, 2]]  # half a turn
+        else:
+            given[5:8, :, disturbed.start] += 1.0
         seen = seen_in(given)
         np.testing.assert_allclose(seen[7, :, :8], np.exp(-0.03 / 0.1) * seen[4, :, :8], rtol=1e-5)
         np.testing.assert_allclose(seen[7, :, SINCE], 0.03 / 0.05, rtol=1e-6)
@@ -73,15 +84,48 @@ def test_samples_that_repeat_or_lie_far_away_are_not_taken(flown: Any) -> None:
         )
 
 
+def test_samples_that_stay_elsewhere_are_a_step_of_the_measurements(flown: Any) -> None:
+    given, refused = flown.copy(), range(3, 3 + MOST_REFUSED)
+    given[3:, :, POSITION.start] += 1.0
+    seen, expected, step = seen_in(given), seen_in(flown), refused.stop
+    np.testing.assert_allclose(seen[refused, 0, SINCE], 0.2 * np.arange(1, MOST_REFUSED + 1), rtol=1e-6)
+    np.testing.assert_array_equal(seen[step:, :, SINCE], 0.0)
+    np.testing.assert_array_equal(seen[step, :, INNOVATION], 0.0)
+    np.testing.assert_allclose(seen[step, :, 2:8], expected[step, :, 2:8], atol=1e-6)
+    times = np.repeat([0.03, 0.12, 0.5, 2.0], 8)
+    np.testing.assert_allclose(seen[step, :, LAGS], np.exp(-0.06 / times)[:, np.newaxis] * seen[2, :, LAGS], rtol=1e-5)
+
+
+def test_a_sample_that_is_taken_ends_a_row_of_refused_ones(flown: Any) -> None:
+    given, near = flown.copy(), 1 + MOST_REFUSED
+    given[1:near, :, POSITION.start] += 1.0
+    given[near + 1 :, :, POSITION.start] += 1.0
+    expected = [*range(near), *range(len(flown) - near)]
+    assert len(flown) - near == 1 + MOST_REFUSED
+    np.testing.assert_allclose(seen_in(given)[:, 0, SINCE], 0.2 * np.array(expected), rtol=1e-6)
+
+
+def test_errors_of_position_count_up_to_a_limit(flown: Any) -> None:
+    z = slice(FILTER.start, FILTER.start + 3)
+    for horizontal, vertical in ((0.5, -0.8), (6.0, -6.0)):
+        given = flown[:1].copy()
+        for axis, distance in ((0, horizontal), (2, vertical)):
+            given[..., LAB.columns["reference_0"].start + axis] -= distance / LAB.scale[POSITION][axis]
+        seen = seen_in(given)[0, 0]
+        for error, scale in ((seen[:3], 0.05), (seen[z], deviation_scales(1.0)[4])):
+            np.testing.assert_allclose(np.hypot(*error[:2]) * scale, min(horizontal, REACH), rtol=0.05)
+            np.testing.assert_allclose(error[2] * scale, max(vertical, -VERTICAL_REACH), rtol=0.05)
+
+
 @pytest.mark.parametrize(
     ("columns", "value"), [(POSITION, np.nan), (ORIENTATION, 0.0), (ORIENTATION, np.nan), (DIRECTION, np.inf)]
 )
 def test_a_sample_that_is_not_finite_is_not_taken(flown: Any, columns: slice, value: float) -> None:
-    """A quaternion of zeros has no attitude."""
-    given, repeated = flown.copy(), flown.copy()
-    given[5, :, columns] = value
+    """A quaternion of zeros has no attitude. However long they last, the inputs do not begin anew at such samples."""
+    given, repeated, lost = flown.copy(), flown.copy(), slice(3, 5 + MOST_REFUSED)
+    given[lost, :, columns] = value
     for same in (POSITION, ORIENTATION, DIRECTION):
-        repeated[5, :, same] = flown[4, :, same]
+        repeated[lost, :, same] = flown[2, :, same]
     with np.errstate(invalid="ignore"):
         np.testing.assert_array_equal(seen_in(given), seen_in(repeated))
 

@@ -13,7 +13,7 @@ from experiments.deploy import check
 from quadpend_baselines.hybrid.lab import LAB_SIZE
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import Scenario, find_scenarios
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.observation import LAB, OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_train import run_episodes
 from quadpend_train.cli.main import main
 from quadpend_train.export.to_c import export_c, scenario_for
@@ -23,6 +23,7 @@ from tests.helpers.policies import RESIDUAL_ACTION, mlp_policy
 
 pytestmark = pytest.mark.skipif(which("cc") is None, reason="there is no C compiler")
 SANITIZERS = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SAMPLED = LAB.columns["direction"].stop
 DOUBLE, NO_LIBM = "-DQUADPEND_DOUBLE", "-DQUADPEND_NO_LIBM"
 
 
@@ -70,6 +71,30 @@ def test_networks_of_every_kind_are_written(inputs: int, hybrid: Any, flown: str
     export_c(mlp_policy(inputs, hybrid=hybrid), "network", scenario(flown), source)
     assert check(source).startswith("passed")
     assert check(source, DOUBLE).startswith("passed")
+
+
+def test_networks_on_measurements_take_the_same_samples_as_in_python(tmp_path: Path) -> None:
+    """A step of the measured place, a set-point far below, a flip of the attitude, and frozen samples."""
+    hybrid, breeze = {"kind": "lab_only", "base_controller": "lqg"}, scenario("flight_breeze")
+    network, source = mlp_policy(LAB_SIZE, hybrid=hybrid), tmp_path / "policy.c"
+    export_c(network, "network", breeze, source)
+    policies: list[Any] = [network.adapt(breeze), CPolicy(source, (DOUBLE.removeprefix("-D"),)).adapt(breeze)]
+    env, memories, started = breeze.make_vec(2), [None, None], np.ones(2, np.bool_)
+    observation, _ = env.reset(seed=0)
+    place, turned, wanted = (LAB.columns[name] for name in ("position", "quaternion", "reference_0"))
+    actions, seen = [observation, observation], observation
+    for step in range(120):
+        last, seen = seen, observation.copy()
+        seen[:, place.start] += 0.3 * (step >= 30)
+        seen[:, wanted.start + 2] -= 1.5 * (step >= 60)
+        if step == 80:
+            seen[:, turned] = seen[:, turned][:, [1, 0, 3, 2]]
+        if 90 <= step < 100:
+            seen[:, :SAMPLED] = last[:, :SAMPLED]
+        for i, policy in enumerate(policies):
+            actions[i], memories[i] = policy.predict(seen, memories[i], started)
+        np.testing.assert_allclose(actions[1], actions[0], atol=1e-5)
+        observation, _, started, _, _ = env.step(actions[0])
 
 
 def test_a_file_is_for_the_pole_of_the_vehicle_where_a_scenario_tells_others(tmp_path: Path) -> None:

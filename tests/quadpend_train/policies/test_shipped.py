@@ -1,12 +1,15 @@
 """The learned policies of the package agree with their cards."""
 
 import runpy
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from experiments.pages import training_seeds
+from quadpend_gym.scenarios import as_scenario
+from quadpend_gym.tasks.observation import LAB
 from quadpend_train.policies.loading import load_policies, shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.callbacks import validate
@@ -14,7 +17,7 @@ from quadpend_train.training.settings import read_settings, settings_of_card
 from quadpend_train.training.train import CARD_SEED
 from tests.helpers.sources import ROOT
 
-SEEDS = "apg", "ppo-alone", "sac-alone", "apg-flight", "ppo-flight"  # learners with five training seeds
+SEEDS = "lab", "apg", "ppo-alone", "sac-alone", "apg-flight", "ppo-flight"  # learners with five training seeds
 SCRIPTED = {"lab-0"}  # trained by a script, without a preset
 
 
@@ -51,3 +54,23 @@ def test_policy_has_the_score_on_its_card(name: str) -> None:
     score = validate(policy, settings_of_card(policy.card, name), CARD_SEED)
     assert_allclose(score, [policy.card["score"][key] for key in ("survival", "penalised_rmse")], rtol=1e-3)
     assert np.isfinite(score).all()
+
+
+@pytest.mark.parametrize(
+    ("field", "axis", "distance"),
+    [("reference_0", 0, 8.0), ("reference_0", 2, -1.5), ("position", 0, 0.3)],
+    ids=["a place far away", "a fall", "a mistake of motion capture"],
+)
+def test_lab_0_bears_a_step(field: str, axis: int, distance: float) -> None:
+    """Of the set-point or of the measured position, after 2 s."""
+    scenario = as_scenario("flight_breeze", duration=10.0, task={"limits": {"tracking_error": 50.0}})
+    policy: Any = load_policies("lab-0")[0].adapt(scenario)
+    env, memory, started = scenario.make_vec(4), None, np.ones(4, np.bool_)
+    observation, info = env.reset(seed=3)
+    for step in range(scenario.steps - 1):
+        observation[:, LAB.columns[field].start + axis] += distance * (step >= 200)
+        action, memory = policy.predict(observation, memory, started)
+        observation, _, started, _, info = env.step(action)
+        assert not started.any(), step
+    expected = distance if field == "reference_0" else -distance
+    assert_allclose(info["tracking_error"][:, axis], expected, atol=0.1)

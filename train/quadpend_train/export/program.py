@@ -22,7 +22,7 @@ from quadpend_baselines.estimation.estimate import (
     is_bounded,
 )
 from quadpend_baselines.estimation.kalman import Estimator
-from quadpend_baselines.hybrid import EstimateOnly, ResidualAction, constant_gain
+from quadpend_baselines.hybrid import EstimateOnly, ResidualAction, scheduled_gain
 from quadpend_baselines.hybrid.parts import InputPart, observed_part
 from quadpend_gym import Simulation
 from quadpend_gym.engines import columns, lift, vector
@@ -243,7 +243,7 @@ def _with_network(
         if not substeps:
             state, given = ca.SX.sym("x", len(x)), ca.SX.sym("a", ACTION_SIZE)
             after = np.array(ca.vertsplit(state), object)
-            lift(constant_gain.substep)(after, Four(*row(given)[0]), *known)
+            lift(scheduled_gain.substep)(after, Four(*row(given)[0]), *known)
             arguments = [ca.vertcat(state, given)], ca.cse([vector(after)]), ["x"], ["next"]
             substeps.append(ca.Function("substep", *arguments, {"never_inline": True}))
         x[:] = ca.vertsplit(substeps[0](ca.vertcat(*x, *action)))
@@ -254,7 +254,7 @@ def _with_network(
         if acts:
             base_action, law_memory = base.control(after, law_memory)
         given = action, base_action, vector(base.seen(row(memory))), base.seen(after)
-        seen, own = seen_by(parts, read[columns_read], *given, own, {constant_gain.substep: substep})
+        seen, own = seen_by(parts, read[columns_read], *given, own, {scheduled_gain.substep: substep})
         if hybrid is not None:
             base_action = vector(hybrid.builds_on(row(seen), row(base_action)))
         return {"seen": seen, "next_extra": ca.vertcat(own, law_memory, base_action)}

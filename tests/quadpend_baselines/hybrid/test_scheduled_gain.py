@@ -10,11 +10,11 @@ from quadpend_baselines.controllers.lqg import evaluate
 from quadpend_baselines.estimation.estimate import nominal
 from quadpend_baselines.estimation.kalman import MEASURED_COLUMNS, VARYING_STEPS
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid import constant_gain as filters
-from quadpend_baselines.hybrid.constant_gain import NOISE, SIZE, WIND, constant_gain, memory_size, observe
+from quadpend_baselines.hybrid import scheduled_gain as filters
 from quadpend_baselines.hybrid.deviations import deviation_scales
-from quadpend_baselines.hybrid.lab import FILTER, lab_part
+from quadpend_baselines.hybrid.lab import FILTER, REACH, lab_part
 from quadpend_baselines.hybrid.parts import Seen
+from quadpend_baselines.hybrid.scheduled_gain import NOISE, SIZE, WIND, memory_size, observe, scheduled_gain
 from quadpend_baselines.modelling.linear_model import (
     DISTURBANCE_COLUMNS,
     MODEL_BOB_FORCE,
@@ -43,9 +43,11 @@ VEHICLE = replace(
     pole=replace(BREEZE.simulation.vehicle.pole, mass=0.2, inertia=0.02),
     drag=Drag(area=0.1, rotor=(0.3, 0.2, 0.5), angular=(0.002, 0.003, 0.004), height=0.05),
 )
-PLACE, YAW, HEADING, SINCE, AGE, UNDER_WAY = (
-    getattr(filters, name) for name in ("_PLACE", "_YAW", "HEADING", "_SINCE", "_AGE", "_UNDER_WAY")
+PLACE, YAW, HEADING, COASTED, AGE, UNDER_WAY = (
+    getattr(filters, name) for name in ("_PLACE", "_YAW", "HEADING", "_COASTED", "_AGE", "_UNDER_WAY")
 )
+
+NEW, NONE = (0.0, 1.0, 1.0, 0.0), (0.0, 0.0, 1.0, 0.0)  # samples in the course of an episode
 
 
 def observed(simulation: Simulation, memory: Floats, action: Floats, reference: Floats, y: Any, sample: Any) -> Any:
@@ -53,7 +55,7 @@ def observed(simulation: Simulation, memory: Floats, action: Floats, reference: 
     rows = len(memory)
     later, innovation, after = np.empty((rows, SIZE)), np.empty((rows, len(MEASURED_COLUMNS))), np.empty_like(memory)
     given = np.ascontiguousarray(y, np.float64), np.tile(np.array(sample, np.float64), (rows, 1)), reference, action
-    observe(constant_gain(simulation), *given, memory, after, later, innovation)
+    observe(scheduled_gain(simulation), *given, memory, after, later, innovation)
     return later, innovation, after
 
 
@@ -98,7 +100,7 @@ def test_it_predicts_the_motion_of_the_plant(simulation: Simulation) -> None:
     memory[:, PLACE : YAW + 1], memory[:, HEADING], memory[:, UNDER_WAY:] = reference, heading, actions[:, :-4]
     reference = reference + drawn(4, 0.1)
     action = np.ascontiguousarray(actions[:, -4:])
-    later, innovation, after = observed(simulation, memory, action, reference, np.zeros((rows, 16)), (0.0, 0.01, 1.0))
+    later, innovation, after = observed(simulation, memory, action, reference, np.zeros((rows, 16)), NONE)
     disturbance = np.zeros((rows, DISTURBANCE_SIZE))
     disturbance[:, DISTURBANCE_COLUMNS] = rotate(wind, heading, MODEL_FORCE.start, MODEL_BOB_FORCE.start)
     start = in_axes(state, vehicle, after[:, HEADING], reference, simulation)
@@ -132,11 +134,11 @@ def test_its_gains_are_those_of_lqg() -> None:
     assert np.abs(more).max() > 1.0
     for age, coast, force, gain in cases:
         memory, none = np.zeros((size, memory_size(simulation))), np.zeros((size, 4))
-        memory[:, AGE], memory[:, SINCE], memory[:, WIND + MODEL_BOB_FORCE.start + 1] = age, 0.01 * coast, force
-        y = observed(simulation, memory, none, none, np.zeros((size, 16)), (0.0, 0.01, 1.0))[0]
+        memory[:, AGE], memory[:, COASTED], memory[:, WIND + MODEL_BOB_FORCE.start + 1] = age, 0.01 * coast, force
+        y = observed(simulation, memory, none, none, np.zeros((size, 16)), NONE)[0]
         off = 1e-3 * np.eye(size)  # one measured number after the other
         y[:, MEASURED_COLUMNS] += off
-        corrected, innovation, _ = observed(simulation, memory, none, none, y[:, :16], (y[0, 8], 0.0, 1.0))
+        corrected, innovation, _ = observed(simulation, memory, none, none, y[:, :16], (y[0, 8], 1.0, 1.0, 0.0))
         np.testing.assert_allclose(innovation, off, atol=1e-12)
         y[:, MEASURED_COLUMNS] -= off
         found = (corrected - y).T / 1e-3
@@ -148,10 +150,45 @@ def test_an_innovation_counts_up_to_a_limit_that_grows_without_samples() -> None
     simulation = replace(BREEZE.simulation, latency=0.0)
     for since, limit in ((0.0, 0.05), (0.1, 0.35)):
         memory, none = np.zeros((1, memory_size(simulation))), np.zeros((1, 4))
-        memory[:, SINCE] = since
+        memory[:, COASTED] = since
         for y in (-2.0, 2.0):
-            _, innovation, _ = observed(simulation, memory, none, none, np.full((1, 16), y), (0.0, 0.0, 1.0))
+            _, innovation, _ = observed(simulation, memory, none, none, np.full((1, 16), y), NEW)
             np.testing.assert_allclose(innovation, np.sign(y) * limit)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{0: 0.5}, {0: 5.0}, {4: 10.0}, {6: 1.2}, {9: 10.0}, {13: 0.8}, {0: 0.7, 3: 2.0, 6: 0.8, 9: 5.0, 12: 0.6, 14: 3.0}],
+    ids=str,
+)
+def test_it_recovers_from_a_wrong_state(wrong: dict[int, float]) -> None:
+    """Of a vehicle at rest. While an innovation is beyond its limit, limit and gain grow as without samples."""
+    simulation = BREEZE.simulation
+    memory, none, x = np.zeros((1, memory_size(simulation))), np.zeros((1, 4)), np.empty(0)
+    memory[0, [*wrong]], memory[:, AGE] = [*wrong.values()], 30.0
+    for _ in range(100):
+        x, _, memory = observed(simulation, memory, none, none, np.zeros((1, 16)), NEW)
+    np.testing.assert_allclose(x[0, :3], 0.0, atol=0.005)
+    np.testing.assert_allclose(x[0, 6:9], 0.0, atol=0.005)
+    np.testing.assert_allclose(memory[:, COASTED], 0.0)
+
+
+def test_a_step_of_the_measurements_replaces_what_they_measure() -> None:
+    """Of a vehicle that turned; rates, thrusts and wind are as without a sample."""
+    simulation, rng = replace(BREEZE.simulation, latency=0.0), np.random.default_rng(0)
+    memory, y = rng.uniform(-0.5, 0.5, (3, memory_size(simulation))), rng.uniform(-0.5, 0.5, (3, 16))
+    memory[:, COASTED], memory[:, AGE] = 0.1, 30.0
+    action, reference = rng.uniform(-0.5, 0.5, (2, 3, 4))
+    coasting, _, _ = observed(simulation, memory, action, reference, y, NONE)
+    x, innovation, after = observed(simulation, memory, action, reference, y, (0.7, 1.0, 1.0, 1.0))
+    np.testing.assert_array_equal(x[:, MEASURED_COLUMNS], y[:, MEASURED_COLUMNS])
+    turned = [9, 10, 11, *range(MODEL_STATE_SIZE, WIND), SIZE - 1]  # what has no axes of the heading
+    np.testing.assert_allclose(x[:, turned], coasting[:, turned], atol=1e-12)
+    for first in (3, 14, WIND):
+        lengths = [np.hypot(*item[:, first : first + 2].T) for item in (x, coasting)]
+        np.testing.assert_allclose(*lengths, atol=1e-12)
+    assert (innovation == 0.0).all()
+    assert (after[:, COASTED] == 0.0).all()
 
 
 def flown(scenario: Scenario, steps: int, change: Any = None) -> tuple[Any, Any, Any]:
@@ -205,6 +242,7 @@ def test_a_jump_of_the_reference_is_no_motion(field: str, distance: float) -> No
     _, states, innovation = flown(BREEZE, 56, jumped)
     np.testing.assert_allclose(states[50:, :, 3:8], still[50:, :, 3:8], atol=2e-3)
     np.testing.assert_allclose(np.abs(innovation).max(), np.abs(noise).max(), rtol=0.1)
+    distance = min(distance, REACH) if field == "reference_0" else distance
     moved = states[50, :, 8] - still[50, :, 8] if field == "yaw_reference" else np.hypot(*states[50, :, :2].T)
     np.testing.assert_allclose(np.abs(moved), distance, rtol=0.1)
 

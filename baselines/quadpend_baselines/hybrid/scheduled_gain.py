@@ -20,6 +20,10 @@ of its gain in early corrections from the steady one is added, with lines betwee
 What L corrects of the rates of the Euler angles is taken for body rates. s and ΔL = L_gust − L_calm, the steady one,
 are those of equation (4) of `estimation.kalman`. In the first step x is the measurement, with the rates of the
 reference's trajectory, the thrusts of hover and no wind.
+
+Each component of i is limited to ±0.05 m, rad or 1; this limit grows by 3/s without a sample. A sample with a component
+beyond the limit corrects x by the limited i, but limit and L go on as without a sample: they grow until the filter has
+come near enough.
 """
 
 from functools import lru_cache
@@ -41,8 +45,8 @@ from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import select, sincos
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.physics.attitude import euler_rate, quaternion_from_euler, rotation_matrix, to_body, to_world
-from quadpend_gym.physics.drag import drag_force
+from quadpend_gym.physics.attitude import euler_rate, quaternion_from_euler, rotation_matrix, to_world
+from quadpend_gym.physics.drag import drag_force, rotor_drag_force
 from quadpend_gym.physics.dynamics import load_physics
 from quadpend_gym.physics.rigid_body import Loads, Motion, RigidPhysics, Wrench, derivative, rigid_physics
 from quadpend_gym.physics.rigid_kernel import command_rotors
@@ -63,12 +67,12 @@ _EARLY = 0, 1, 2, 4, 8, 16, 30  # corrections
 _LIMIT, _LIMIT_RATE = 0.05, 3.0  # of i: m, rad and 1, and these for each second without a sample before
 _MOST, _TILT = 100.0, 1.2  # bounds of x: scales of `deviations`, and of roll, pitch and the pole, rad
 _LEAST_SQUARE = 0.1  # of r_z
-# Memory: x; place and yaw of the reference; heading of the axes; time since the last sample; corrections; and a, the
-# oldest first
-_PLACE, _YAW, HEADING, _SINCE, _AGE, _UNDER_WAY = SIZE, SIZE + 3, SIZE + 4, SIZE + 5, SIZE + 6, SIZE + 7
+# Memory: x; place and yaw of the reference; heading of the axes; time since the last sample within the limit;
+# corrections; and a, the oldest first
+_PLACE, _YAW, HEADING, _COASTED, _AGE, _UNDER_WAY = SIZE, SIZE + 3, SIZE + 4, SIZE + 5, SIZE + 6, SIZE + 7
 
 
-class ConstantGain(NamedTuple):
+class ScheduledGain(NamedTuple):
     """The numbers of the filter."""
 
     gain: Floats  # L after a coast of each length of `_COASTS`, less that after the one before, (4, 28, 8)
@@ -93,7 +97,7 @@ def memory_size(simulation: Simulation) -> int:
 
 
 @lru_cache(maxsize=256)  # one for each length of a pole that is told
-def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NOISE) -> ConstantGain:
+def scheduled_gain(simulation: Simulation, noise: tuple[float, float, float] = NOISE) -> ScheduledGain:
     """Return the filter of a nominal vehicle for the known noise of `Loop`, which counts at least as `NOISE`."""
     if simulation.vehicle.attitude != "rigid":
         raise ValueError(f"a policy on the observation 'lab' flies rigid vehicles, not {simulation.vehicle.name}")
@@ -111,7 +115,7 @@ def constant_gain(simulation: Simulation, noise: tuple[float, float, float] = NO
     bounds[0:3], bounds[6:8], bounds[_PSI], bounds[12:14] = np.inf, _TILT, np.inf, np.sin(_TILT)
     physics, force = p.as_array()[:, np.newaxis], GUST * p.bob_mass * p.gravity
     times = simulation.period, simulation.substeps, _delay(simulation)
-    return ConstantGain(gain, early, gust, bounds, physics, pack_rigid(simulation), force, *times)
+    return ScheduledGain(gain, early, gust, bounds, physics, pack_rigid(simulation), force, *times)
 
 
 @inlined
@@ -129,8 +133,7 @@ def _accelerations(
     rotation, air = rotation_matrix(attitude), Vec3(-x[3], -x[4], -x[5])
     up = height(x[12], x[13])
     r, r_dot = Vec3(x[12], x[13], up), Vec3(x[14], x[15], -(x[12] * x[14] + x[13] * x[15]) / up)
-    relative, d = to_body(rotation, air), rigid.rotor_drag
-    by_rotors = to_world(rotation, Vec3(d.x * relative.x, d.y * relative.y, d.z * relative.z))
+    by_rotors = rotor_drag_force(rigid.rotor_drag, rotation, air)
     force = add(Vec3(x[20], x[21], x[22]), add(by_rotors, drag_force(p.quadrotor_drag_area, air)))
     bob_force = add(Vec3(x[23], x[24], 0.0), drag_force(p.bob_drag_area, axpy(-p.rod_length, r_dot, air)))
     between = axpy(1.0 / p.quadrotor_mass, force, scale(-1.0 / p.bob_mass, bob_force))
@@ -201,7 +204,7 @@ def _axes_and_reference(x: Any, row: int, yaw: float, reference: Any, last: Any,
 
 @compiled
 def observe(
-    numbers: ConstantGain, y: Floats, sample: Floats, reference: Floats, action: Floats, last: Floats, now: Floats,
+    numbers: ScheduledGain, y: Floats, sample: Floats, reference: Floats, action: Floats, last: Floats, now: Floats,
     later: Floats, innovation: Floats,
 ) -> None:  # fmt: skip
     """Write x_N, i and the next memory, equations (1) to (3).
@@ -209,9 +212,9 @@ def observe(
     Args:
         numbers: The filter.
         y: The measured state as in x, in the axes of the measured heading, with the rates of the trajectory, with which
-            an episode begins, shape (n, 16).
-        sample: Measured yaw (rad); time since the last sample (s), 0 with a new one; 0 in the first step of an episode,
-            else 1; shape (n, 3).
+            the filter begins, shape (n, 16).
+        sample: Measured yaw (rad); 1 with a new sample, else 0; 0 in the first step of an episode, else 1; 1 with a new
+            sample that replaces what x has of it, else 0; shape (n, 4).
         reference: Place (m) and yaw (rad) of the reference, shape (n, 4).
         action: The last action, shape (n, 4).
         last: The memory, zeros at the start of an episode, shape (n, `memory_size`).
@@ -223,7 +226,7 @@ def observe(
     body, h = rigid_physics(p, rigid.correlation, rigid.pivot, rigid.shape), numbers.period / numbers.substeps
     x, waiting = np.empty(SIZE), ACTION_SIZE * numbers.delay
     for row in range(later.shape[0]):
-        taken, begun = select(sample[row, 1] > 0.0, 0.0, 1.0), sample[row, 2]
+        taken, begun, anew = sample[row, 1], sample[row, 2], sample[row, 3]
         for i in range(waiting):
             later_on = _UNDER_WAY + ACTION_SIZE + i
             now[row, _UNDER_WAY + i] = (
@@ -236,12 +239,13 @@ def observe(
             substep(x, acting, h, p, body, rigid)
         yaw = select(taken > 0.5, sample[row, 0], x[_PSI] + last[row, _YAW])
         _axes_and_reference(x, row, yaw, reference, last, now)
-        limit, coast = _LIMIT + _LIMIT_RATE * last[row, _SINCE], last[row, _SINCE] / numbers.period
+        limit, coast = _LIMIT + _LIMIT_RATE * last[row, _COASTED], last[row, _COASTED] / numbers.period
+        largest = 0.0
         for k in range(len(MEASURED)):
             i = MEASURED[k]
             value = near_angle(y[row, i], x[i]) if i == _PSI else y[row, i]
-            error = min(max(value - x[i], -limit), limit)
-            innovation[row, k] = select(begun > 0.5, select(taken > 0.5, error, 0.0), 0.0)
+            largest, error = max(largest, abs(value - x[i])), min(max(value - x[i], -limit), limit)
+            innovation[row, k] = select(begun * taken * (1.0 - anew) > 0.5, error, 0.0)
         share = min((x[_BOB] * x[_BOB] + x[_BOB + 1] * x[_BOB + 1]) / (numbers.gust_force * numbers.gust_force), 1.0)
         for i in range(SIZE):
             x[i] += share * _product(numbers.gust, i, innovation, row)
@@ -255,11 +259,13 @@ def observe(
             weight *= _ramp(age, _EARLY[k - 1], _EARLY[k]) if k > 0 else 1.0
             for i in range(SIZE):
                 x[i] += weight * _product(numbers.early[k], i, innovation, row)
-        now[row, _SINCE] = sample[row, 1]
+        within = select(begun > 0.5, max(anew, select(largest < limit, taken, 0.0)), 1.0)
+        now[row, _COASTED] = (1.0 - within) * (last[row, _COASTED] + numbers.period)
         now[row, _AGE] = select(begun > 0.5, min(age + taken, 1.0 * _EARLY[-1]), 0.0)
         for i in range(SIZE):
             first = y[row, i] if i < MODEL_STATE_SIZE else 0.0
-            x[i] = min(max(select(begun > 0.5, x[i], first), -numbers.bounds[i]), numbers.bounds[i])
+            kept = select(anew > 0.5, first, x[i]) if i in MEASURED else x[i]
+            x[i] = min(max(select(begun > 0.5, kept, first), -numbers.bounds[i]), numbers.bounds[i])
             now[row, i] = x[i]
         for k in range(numbers.delay):
             for _ in range(numbers.substeps):
