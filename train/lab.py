@@ -107,6 +107,10 @@ CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
         "event_training_pole_force",
         {"wind": drawn(0.1, 2.5, kind="ornstein_uhlenbeck", force=0.0, bob_force=0.05, time_constant=0.7)},
     ),
+    "strong pole force": (
+        "event_training_pole_force",
+        {"wind": drawn(0.8, 2.0, kind="ornstein_uhlenbeck", force=0.0, bob_force=0.05, time_constant=0.7)},
+    ),
     "wind step": (
         "event_training_wind_step",
         {"wind": drawn(0.1, 2.0, kind="step", velocity=[3.0, 0.0, 0.0], at=[3.0, 5.0])},
@@ -122,7 +126,7 @@ CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "thrust": ("event_training_thrust", {"loop": {"changes": {"at": [2.0, 6.0], "thrust": [0.5, 1.0]}}}),
     "rotor": ("event_training_rotor", {"loop": {"changes": {"at": [2.0, 6.0], "rotors": [0.25, 1.0]}}}),
     "turning": ("event_training_turning", {"task": {"references": {"yaw_amplitude": 5.6}}}),
-    "start": ("event_training_start", {"task": {"start": {"pendulum_angle": [0.0, 0.7]}}}),
+    "start": ("event_training_start", {"task": {"start": {"pendulum_angle": [0.3, 0.7]}}}),
     "noisy": ("flight_training_noisy", {"sensors": {**NOISE, "level": [3.0, 4.5]}}),
 }
 POLES = {f"pole {factor}": factor for factor in (0.35, 0.55, 0.8, 1.25, 1.6)}  # told, of these lengths
