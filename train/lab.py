@@ -490,13 +490,21 @@ def costs(x: Tensor, action: Tensor, seen: Tensor, length: Tensor, limits: Tenso
     return squared, 0.1 * turned**2 + 1e-3 * (action**2).sum(0) + 1e-4 * rate + 100.0 * lean
 
 
+def imitation_loss(outputs: Tensor, wanted: Tensor) -> Tensor:
+    """Return the relative error of the outputs of each network, in which small corrections count most."""
+    error, size = (torch.sqrt((item**2).sum(2) + 1e-7) for item in (outputs - wanted, wanted))
+    return (error / (SMALL + size)).mean(1)
+
+
 class Trainer:
     """Imitation and gradients."""
+
+    near = NEAR  # inputs to which the outputs are added
 
     def __init__(self, args: argparse.Namespace) -> None:
         self.args, self.flight = args, Flight(args)
         device, fast = self.flight.device, self.flight.device.type == "cuda"
-        self.networks = Networks(args.seeds, args.without).to(device)
+        self.networks: Any = self.make_networks().to(device)
         self.parameters = list(self.networks.parameters())
         self.rate, self.share = torch.tensor(0.0, device=device), torch.tensor(1.0, device=device)
         self.optimizer = torch.optim.Adam(self.parameters, lr=self.rate, capturable=fast, fused=fast)
@@ -511,10 +519,18 @@ class Trainer:
         self.loss, shape = self.flight.zeros(len(args.seeds)), (len(self.flight.envs), len(args.seeds))
         self.falls, self.squares, self.scored = (self.flight.zeros(*shape) for _ in range(3))
 
+    def make_networks(self) -> nn.Module:
+        """Return the untrained networks."""
+        return Networks(self.args.seeds, self.args.without)
+
+    def inputs(self, seen: Tensor, action: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the inputs of the networks and their memory."""
+        return self.flight.inputs(seen, action, memory)
+
     def act(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Return the actions that the networks want, and the outputs; more than ±1 of these is not added."""
         outputs = self.flight.for_rows(self.networks(self.flight.for_networks(inputs)))
-        return OUTPUT * outputs.clamp(-1.0, 1.0) + inputs[NEAR], outputs
+        return OUTPUT * outputs.clamp(-1.0, 1.0) + inputs[self.near], outputs
 
     def descend(self, loss: Tensor) -> None:
         """Take a step of Adam for the loss of each network; its gradient has at most the length 1."""
@@ -533,22 +549,24 @@ class Trainer:
         flight, inputs, labels = self.flight, [], []
         with torch.no_grad():
             for _ in range(STEPS):
-                seen, memory = flight.inputs(flight.seen, flight.action, flight.memory)
+                seen, memory = self.inputs(flight.seen, flight.action, flight.memory)
                 label, (own, _) = flight.teach(), self.act(seen)
                 inputs.append(flight.for_networks(seen))
-                labels.append(flight.for_networks(((label - seen[NEAR]) / OUTPUT).clamp(-1.0, 1.0)))
+                labels.append(flight.for_networks(((label - seen[self.near]) / OUTPUT).clamp(-1.0, 1.0)))
                 acts = torch.rand(flight.rows, device=flight.device) < self.share
                 action = torch.where(acts, label, own) + self.noise * torch.randn_like(own)
                 action = action.nan_to_num(0.0).clamp(-1.0, 1.0)
                 observed, begun, fell = flight.step(action)
                 flight.keep(observed, action, memory, begun)
                 self.falls += flight.mean(fell.float()) * self.args.rows
-            x, y = torch.cat(inputs, 1), torch.cat(labels, 1)
-            order = torch.rand(x.shape[1], device=flight.device).argsort()
+        self.fit(inputs, labels)
+
+    def fit(self, inputs: list[Tensor], labels: list[Tensor]) -> None:
+        """Fit the networks to outputs in some steps, shapes (networks, rows of one, k)."""
+        x, y = torch.cat(inputs, 1), torch.cat(labels, 1)
+        order = torch.rand(x.shape[1], device=x.device).argsort()
         for part in order[: len(order) // BATCHES * BATCHES].view(BATCHES, -1):
-            wanted = y[:, part]
-            error, size = (torch.sqrt((item**2).sum(2) + 1e-7) for item in (self.networks(x[:, part]) - wanted, wanted))
-            self.descend((error / (SMALL + size)).mean(1))  # small corrections count most
+            self.descend(imitation_loss(self.networks(x[:, part]), y[:, part]))
 
     def improve(self) -> None:
         """Fly a window, and follow the gradient of its cost."""
@@ -565,7 +583,7 @@ class Trainer:
             return finite.mul((bound / (length + 1e-12)).clamp(max=1.0))
 
         for _ in range(WINDOW):
-            inputs, memory = flight.inputs(seen, action, memory)
+            inputs, memory = self.inputs(seen, action, memory)
             wanted, outputs = self.act(inputs)
             action = wanted.clamp(-1.0, 1.0)
             given = action.detach().nan_to_num(0.0)

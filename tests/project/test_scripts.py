@@ -1,11 +1,13 @@
 """The scripts in `train/` and `docs/examples/` run without changes, with fewer steps."""
 
+import importlib
 import runpy
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,6 +103,34 @@ def test_its_gradient_is_a_finite_difference(tmp_path: Path) -> None:
         bias.data[:, 0, 1] -= shift
     slope = (losses[1] - losses[2]).detach() / 2e-3
     np.testing.assert_allclose(gradient[0], slope, rtol=0.03, atol=0.02 * slope.abs().max())
+
+
+@pytest.mark.extras
+def test_networks_with_recurrent_units_fly_as_in_their_training(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "train"))
+    ablations: Any = importlib.import_module("ablations")
+    sizes = "--rows", "2", "--imitation", "2", "--gradients", "1", "--scenarios", "wind", "catch"
+    given = ["--device", "c", "--seeds", "0", "1", "2", "--out", str(tmp_path / "gru"), *sizes]
+    trainer = ablations.RecurrentTrainer(ablations.parse(given))
+    first = [item.clone() for item in trainer.networks.units.parameters()]
+    trainer.train()
+    assert not any(torch.equal(*pair) for pair in zip(first, trainer.networks.units.parameters(), strict=True))
+    monkeypatch.setattr(ablations, "RUNS", tmp_path)
+    scenario, flight = trainer.flight.envs[0].scenario, trainer.flight
+    policies, memories = [policy.adapt(scenario) for policy in ablations.trained("gru")], [None] * 3
+    flight.begin(0)
+    for _ in range(30):
+        with torch.no_grad():
+            inputs, memory = trainer.inputs(flight.seen, flight.action, flight.memory)
+            action = trainer.act(inputs)[0].clamp(-1.0, 1.0)
+        for i, policy in enumerate(policies):
+            rows = slice(2 * i, 2 * i + 2)
+            own, memories[i] = policy.predict(flight.seen[:, rows].T.numpy(), memories[i], flight.begun[rows].numpy())
+            np.testing.assert_allclose(own, action[:, rows].T, rtol=0, atol=1e-4)
+        observed, begun, _ = flight.step(action)
+        flight.keep(observed, action, memory, begun)
 
 
 def test_sac_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:
