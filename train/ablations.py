@@ -1,11 +1,10 @@
-"""docs/learning.md: what the parts of `train/lab.py` add: three seeds, about ten minutes on one core for each row.
+"""The ablations of docs/learning.md: what the parts of `train/lab.py` add, with three seeds for each row.
 
     python train/ablations.py              # trains in runs/ablations/ what is missing, and prints the table
     python train/ablations.py whole gru    # some rows
 
-In "gru" 88 gated recurrent units read the latest sample, and take the place of all filters, whose feedback is not added
-either. The networks learn the units too, by gradients through the 16 steps of a window of imitation, and through the
-100 of a window of gradients.
+In "gru" 88 gated recurrent units read what "no memory" reads, and stand in the places of the filters. They learn by
+gradients through the 16 steps of a window of imitation, and through the 100 of a window of gradients.
 """
 
 import argparse
@@ -16,33 +15,31 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lab import CHANGES, Networks, Trainer, imitation_loss, parse
+from lab import BATCHES, CHANGES, MEMORIES, Networks, Trainer, imitation_loss, parse
 from quadpend_baselines.hybrid import LabOnly
-from quadpend_baselines.hybrid.lab import FILTER, LAB_SIZE, LAGS
+from quadpend_baselines.hybrid.lab import FOLLOWING, LAB_SIZE
 from quadpend_baselines.hybrid.parts import InputPart, Seen
 from quadpend_gym.core.settings import settings
-from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
 RUNS = Path("runs/ablations")
-SIZES = "--device", "c", "--seeds", "0", "1", "2", "--rows", "10", "--kernels", str(RUNS / "kernels")
-BOTH = "--imitation", "280", "--gradients", "120"
+SEEDS = 0, 1, 2
+SIZES = "--rows", "10", "--imitation", "280", "--gradients", "120"
 GENTLE = [name for name, (base, _) in CHANGES.items() if not base.startswith("event")]
 ROWS: dict[str, tuple[str, ...]] = {
-    "whole": BOTH,
-    "no events": (*BOTH, "--scenarios", *GENTLE),
-    "no memory": (*BOTH, "--without", "lags", "filter"),
-    "gru": BOTH,
-    "imitation": ("--imitation", "1500", "--gradients", "0"),
-    "gradients": ("--imitation", "0", "--gradients", "150"),
+    "whole": SIZES,
+    "no events": (*SIZES, "--rows", "21", "--scenarios", *GENTLE),
+    "no memory": (*SIZES, "--without", *MEMORIES),
+    "gru": SIZES,
+    "imitation": (*SIZES, "--imitation", "1500", "--gradients", "0"),
+    "gradients": (*SIZES, "--imitation", "0", "--gradients", "150"),
 }
-MEMORY = np.r_[LAGS, FILTER]  # inputs whose places the units take
-SAMPLE = np.setdiff1d(np.arange(LAB_SIZE), MEMORY)  # inputs that they read
-UNITS = len(MEMORY)
-FOLLOWING = slice(LAGS.stop, LAGS.stop + ACTION_SIZE)  # the command of the trajectory
+PLACES = np.concatenate([np.arange(LAB_SIZE)[part] for part in MEMORIES.values()])  # of the units in the inputs
+READ = np.setdiff1d(np.arange(LAB_SIZE), PLACES)  # inputs that the units read
+UNITS = len(PLACES)
 
 
 class Units(nn.Module):
@@ -50,7 +47,7 @@ class Units(nn.Module):
 
     def __init__(self, seeds: list[int]) -> None:
         super().__init__()
-        sizes = len(SAMPLE), UNITS
+        sizes = len(READ), UNITS
         self.weights = nn.ParameterList(torch.empty(len(seeds), size, 3 * UNITS) for size in sizes)
         self.biases = nn.ParameterList(torch.zeros(len(seeds), 1, 3 * UNITS) for _ in sizes)
         for i, seed in enumerate(seeds):
@@ -58,108 +55,98 @@ class Units(nn.Module):
             for weights in self.weights:
                 for gate in weights.data[i].chunk(3, 1):
                     nn.init.orthogonal_(gate, generator=random)
-            self.biases[0].data[i, 0, UNITS : 2 * UNITS] = torch.linspace(-1.0, 5.0, UNITS)  # they keep 0.03 to 1.5 s
+            self.biases[0].data[i, 0, UNITS : 2 * UNITS] = torch.linspace(-1.0, 5.0, UNITS)  # they keep for up to 1.5 s
 
     def forward(self, inputs: Tensor, last: Tensor) -> Tensor:
-        """Return the units after inputs of shape (networks, n, `LAB_SIZE`), shape (networks, n, `UNITS`)."""
-        read = torch.baddbmm(self.biases[0], inputs[..., SAMPLE], self.weights[0]).chunk(3, 2)
+        """Return inputs of shape (networks, n, `LAB_SIZE`) with the next units in their places."""
+        read = torch.baddbmm(self.biases[0], inputs[..., READ], self.weights[0]).chunk(3, 2)
         kept = torch.baddbmm(self.biases[1], last, self.weights[1]).chunk(3, 2)
         resets, keeps = (torch.sigmoid(read[i] + kept[i]) for i in range(2))
         new = torch.tanh(read[2] + resets * kept[2])
-        return new + keeps * (last - new)
-
-    @staticmethod
-    def placed(inputs: Tensor, units: Tensor) -> Tensor:
-        """Return inputs of shape (networks, n, `LAB_SIZE`) with the units in the places of the filters."""
-        return inputs.index_copy(2, torch.from_numpy(MEMORY), units)
+        return inputs.index_copy(2, torch.from_numpy(PLACES), new + keeps * (last - new))
 
 
 class RecurrentNetworks(Networks):
-    """Networks that have units, beside each other."""
+    """Networks with units."""
 
     def __init__(self, seeds: list[int]) -> None:
         super().__init__(seeds, [])
-        self.units = Units(seeds)
+        self.near, self.units = FOLLOWING, Units(seeds)
 
 
 class RecurrentTrainer(Trainer):
-    """The training of networks with units, whose outputs are added to the command of the trajectory alone."""
+    """The training of networks with units."""
 
-    near = FOLLOWING
+    networks: RecurrentNetworks
 
     def __init__(self, args: argparse.Namespace) -> None:
-        super().__init__(args)
-        flight = self.flight
-        flight.memory = flight.zeros(len(flight.memory) + UNITS, flight.rows)
-
-    def make_networks(self) -> nn.Module:
-        """Return the untrained networks."""
-        return RecurrentNetworks(self.args.seeds)
+        super().__init__(args, RecurrentNetworks(args.seeds))
+        self.flight.memory = self.flight.zeros(len(self.flight.memory) + UNITS, self.flight.rows)
+        self.remembered: list[Tensor] = []  # the units before each step of a window of imitation
 
     def inputs(self, seen: Tensor, action: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
         """Return the inputs of the networks and their memory."""
-        flight, networks = self.flight, self.flight.for_networks
+        flight = self.flight
         found, after = flight.inputs(seen, action, memory[:-UNITS])
-        units = self.networks.units(networks(found), networks(memory[-UNITS:]))
-        return flight.for_rows(Units.placed(networks(found), units)), torch.cat([after, flight.for_rows(units)])
-
-    def imitate(self) -> None:
-        """Fly a window, and fit the networks to the actions of the teacher in it."""
-        self.first = self.flight.for_networks(self.flight.memory[-UNITS:].clone())
-        super().imitate()
+        last = flight.for_networks(memory[-UNITS:])
+        if not torch.is_grad_enabled():
+            self.remembered.append(last)
+        inputs = flight.for_rows(self.networks.units(flight.for_networks(found), last))
+        return inputs, torch.cat([after, inputs[PLACES]])
 
     def fit(self, inputs: list[Tensor], labels: list[Tensor]) -> None:
-        """Fit the networks to outputs in some steps, shapes (networks, rows of one, k)."""
+        """Fit networks and units to outputs in some steps, shapes (networks, rows of one, k)."""
         order = torch.rand(inputs[0].shape[1]).argsort()
-        for part in order[: len(order) // 8 * 8].view(8, -1):
-            units, losses = self.first[:, part], []
-            for x, y in zip(inputs, labels, strict=True):
-                units = self.networks.units(x[:, part], units)
-                losses.append(imitation_loss(self.networks(Units.placed(x[:, part], units)), y[:, part]))
+        for part in order[: len(order) // BATCHES * BATCHES].view(BATCHES, -1):
+            units, losses = self.remembered[0][:, part], []
+            for x, y, last in zip(inputs, labels, self.remembered, strict=True):
+                begun = (last[:, part] == 0.0).all(2, keepdim=True)
+                found = self.networks.units(x[:, part], torch.where(begun, 0.0, units))
+                units = found[..., PLACES]
+                losses.append(imitation_loss(self.networks(found), y[:, part]))
             self.descend(torch.stack(losses).mean(0))
+        self.remembered = []
 
 
 @settings
 class RecurrentLab(LabOnly):
-    """Hybrid of one of several networks with units."""
+    """Hybrid of a network with units."""
 
     kind: ClassVar[str] = "recurrent_lab"
+    feedback: bool = False
     units: Any = None
-    number: int = 0  # of the network
 
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
-        (filters,) = super().parts(size)
+        (part,) = super().parts(size)
 
         def read(_: None, seen: Seen, memory: Any) -> tuple[Any, Any]:
-            found, after = filters.function(filters.numbers, seen, memory[:, :-UNITS])
-            given = (torch.from_numpy(item.astype(np.float32)) for item in (found, memory[:, -UNITS:]))
+            found, after = part.function(part.numbers, seen, memory[:, :-UNITS])
+            given = (torch.from_numpy(item.astype(np.float32))[None] for item in (found, memory[:, -UNITS:]))
             with torch.no_grad():
-                units = self.units(*(item.expand(3, -1, -1) for item in given))[self.number].numpy()
-            found[:, MEMORY] = units
-            return found, np.concatenate([after, units], axis=1)
+                inputs = self.units(*given)[0].numpy()
+            return inputs, np.concatenate([after, inputs[:, PLACES]], axis=1)
 
-        return (InputPart(filters.size, filters.memory_size + UNITS, read, None),)
+        return (InputPart(part.size, part.memory_size + UNITS, read, None),)
 
-    def builds_on(self, inputs: Any, base_action: Any) -> Any:
-        """Return the command of the trajectory; see `Hybrid.builds_on`."""
-        return inputs[:, FOLLOWING]
+
+def recurrent(networks: RecurrentNetworks, policies: list[MlpPolicy]) -> list[MlpPolicy]:
+    """Give the policies of networks their units."""
+    for i, policy in enumerate(policies):
+        units = Units([0])
+        units.load_state_dict({name: value[i : i + 1] for name, value in networks.units.state_dict().items()})
+        policy.hybrid = RecurrentLab(units=units)
+    return policies
 
 
 def trained(name: str) -> list[MlpPolicy]:
-    """Return the networks of a row, trained if they are missing."""
-    out = RUNS / name.replace(" ", "-")
-    kind = RecurrentTrainer if name == "gru" else Trainer
-    files = [out / f"lab-{seed}.npz" for seed in range(3)]
-    if not files[0].is_file():
-        kind(parse([*SIZES, "--out", str(out), *ROWS[name]])).train()
-    policies = [MlpPolicy.load(file) for file in files]
-    if name == "gru":
-        networks = RecurrentNetworks([0, 1, 2])
-        networks.load_state_dict(torch.load(out / "training.pt")["networks"])
-        for number, policy in enumerate(policies):
-            policy.hybrid, policy.fingerprint = RecurrentLab(units=networks.units, number=number), None
-    return policies
+    """Return the networks of a row, which are trained or read from the folder of their training."""
+    given = "--device", "c", "--seeds", *map(str, SEEDS), "--kernels", str(RUNS / "kernels")
+    args = parse([*given, "--out", str(RUNS / name.replace(" ", "-")), *ROWS[name]])
+    if name != "gru":
+        return Trainer(args, Networks(args.seeds, args.without)).train()
+    trainer = RecurrentTrainer(args)
+    return recurrent(trainer.networks, trainer.train())
 
 
 def main() -> None:
@@ -170,10 +157,15 @@ def main() -> None:
     torch.set_num_threads(1)
     table = []
     for name in given.names:
-        sets, policies = ("flight", "events"), {name: trained(name)}
-        gentle, events = (compare(policies, [part], 24, VALIDATION_SEED).ranking[0] for part in sets)
-        table.append([name, *map(format_interval, (gentle.multiple, gentle.survival, events.survival))])
-    print(markdown_table(["training", "multiple", "survival, gentle (%)", "survival, events (%)"], table))
+        policies = trained(name)
+        gentle, events = (
+            compare({name: policies}, [part], 24, VALIDATION_SEED).ranking[0] for part in ("flight", "events")
+        )
+        steps, seconds = (policies[0].card[item] for item in ("steps", "seconds"))
+        numbers = map(format_interval, (gentle.multiple, gentle.survival, events.survival))
+        table.append([name, f"{1e-6 * steps:.1f}", f"{seconds / 60:.0f}", *numbers])
+    headings = "million steps", "minutes for three", "multiple", "survival, gentle (%)", "survival, events (%)"
+    print(markdown_table(["training", *headings], table))
 
 
 if __name__ == "__main__":

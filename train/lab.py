@@ -30,7 +30,7 @@ from torch import Tensor, nn
 
 import quadpend_baselines
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid.lab import FILTER, LAB_SIZE, LAGS, NEAR, OUTPUT, lab_part
+from quadpend_baselines.hybrid.lab import FILTER, FOLLOWING, LAB_SIZE, LAGS, NEAR, OUTPUT, lab_part
 from quadpend_baselines.policy.told import scaled_pole
 from quadpend_gym import __version__, physics
 from quadpend_gym.device.env import Kernel, Motion, QuadPendulumDeviceEnv
@@ -58,7 +58,7 @@ def drawn(low: float, high: float, **wind: Any) -> dict[str, Any]:
     return {"kind": "drawn", "wind": wind, "strength": [low, high]}
 
 
-# Scenarios to train in: one of this package, and what differs from it. Events are up to three times as strong as those
+# Scenarios to train in: one of this package, and what differs from it. Events are up to nine times as strong as those
 # of the set `events`.
 CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "wind": ("flight_training_wind", {}),
@@ -136,7 +136,7 @@ MOTION: tuple[str, dict[str, Any]] = (
     "event_training_catch",
     {"loop": {"latency": [0.01, 0.038], "jitter": 0.002, "changes": {"at": [2.0, 6.0], "rotors": [0.25, 1.0]}}},
 )
-MEMORIES = {"lags": LAGS, "filter": FILTER}  # inputs
+MEMORIES = {"lags": LAGS, "filter": FILTER}  # inputs; without the filter there is no feedback either
 TAUGHT = 400  # numbers that a teacher remembers, at most
 SETTINGS = "scenarios", "seeds", "rows", "without", "imitation", "gradients"  # that policies depend on
 NEVER = -1e6  # when an action acts that is older than all under way
@@ -184,9 +184,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     add("--scenarios", nargs="+", default=[*CHANGES, *POLES], help="some of the training scenarios")
     add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="of the networks, which train side by side")
     add("--rows", type=int, default=128, help="sub-environments of a network in each scenario")
-    add(
-        "--without", nargs="+", choices=[*MEMORIES], default=[], help="parts of the memory that the networks do not see"
-    )
+    add("--without", nargs="+", choices=[*MEMORIES], default=[], help="parts of the memory that the networks lack")
     add("--imitation", type=int, default=2600, help="windows of 16 steps in which the networks imitate lqg")
     add("--gradients", type=int, default=1380, help="windows of 100 steps of gradients")
     args = parser.parse_args(arguments)
@@ -210,10 +208,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 @cache
 def head() -> str:
-    """Return the first line of a source of inputs, which names their equations."""
+    """Return the first line of a source of inputs, which names their equations and the training scenarios."""
     folders = Path(quadpend_baselines.__file__).parent, Path(physics.__file__).parent
-    equations = "".join(path.read_text("utf-8") for one in folders for path in sorted(one.rglob("*.py"))) + TEACH
-    return f"/* quadpend_gym {__version__}, inputs {sha256(equations.encode()).hexdigest()[:16]} */\n"
+    files = sorted(path for folder in folders for path in folder.rglob("*") if path.suffix in {".py", ".toml"})
+    texts = "".join([path.read_text("utf-8") for path in files] + [TEACH, repr((CHANGES, POLES, MOTION))])
+    return f"/* quadpend_gym {__version__}, inputs {sha256(texts.encode()).hexdigest()[:16]} */\n"
 
 
 @cache
@@ -292,6 +291,7 @@ class Networks(nn.Module):
     """Networks side by side: every parameter has one of each first."""
 
     mask: Tensor  # 0 where the networks do not see an input
+    near: slice  # inputs to which the outputs are added
 
     def __init__(self, seeds: list[int], without: list[str]) -> None:
         super().__init__()
@@ -310,6 +310,7 @@ class Networks(nn.Module):
         self.weights[0].data *= self.mask
         if without:
             self.weights[0].register_hook(lambda gradient: gradient * self.mask)
+        self.near = FOLLOWING if "filter" in without else NEAR
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the outputs, shape (networks, n, 4), for inputs of shape (networks, n, inputs)."""
@@ -499,12 +500,10 @@ def imitation_loss(outputs: Tensor, wanted: Tensor) -> Tensor:
 class Trainer:
     """Imitation and gradients."""
 
-    near = NEAR  # inputs to which the outputs are added
-
-    def __init__(self, args: argparse.Namespace) -> None:
+    def __init__(self, args: argparse.Namespace, networks: Networks) -> None:
         self.args, self.flight = args, Flight(args)
         device, fast = self.flight.device, self.flight.device.type == "cuda"
-        self.networks: Any = self.make_networks().to(device)
+        self.networks = networks.to(device)
         self.parameters = list(self.networks.parameters())
         self.rate, self.share = torch.tensor(0.0, device=device), torch.tensor(1.0, device=device)
         self.optimizer = torch.optim.Adam(self.parameters, lr=self.rate, capturable=fast, fused=fast)
@@ -519,10 +518,6 @@ class Trainer:
         self.loss, shape = self.flight.zeros(len(args.seeds)), (len(self.flight.envs), len(args.seeds))
         self.falls, self.squares, self.scored = (self.flight.zeros(*shape) for _ in range(3))
 
-    def make_networks(self) -> nn.Module:
-        """Return the untrained networks."""
-        return Networks(self.args.seeds, self.args.without)
-
     def inputs(self, seen: Tensor, action: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
         """Return the inputs of the networks and their memory."""
         return self.flight.inputs(seen, action, memory)
@@ -530,7 +525,7 @@ class Trainer:
     def act(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Return the actions that the networks want, and the outputs; more than ±1 of these is not added."""
         outputs = self.flight.for_rows(self.networks(self.flight.for_networks(inputs)))
-        return OUTPUT * outputs.clamp(-1.0, 1.0) + inputs[self.near], outputs
+        return OUTPUT * outputs.clamp(-1.0, 1.0) + inputs[self.networks.near], outputs
 
     def descend(self, loss: Tensor) -> None:
         """Take a step of Adam for the loss of each network; its gradient has at most the length 1."""
@@ -552,7 +547,7 @@ class Trainer:
                 seen, memory = self.inputs(flight.seen, flight.action, flight.memory)
                 label, (own, _) = flight.teach(), self.act(seen)
                 inputs.append(flight.for_networks(seen))
-                labels.append(flight.for_networks(((label - seen[self.near]) / OUTPUT).clamp(-1.0, 1.0)))
+                labels.append(flight.for_networks(((label - seen[self.networks.near]) / OUTPUT).clamp(-1.0, 1.0)))
                 acts = torch.rand(flight.rows, device=flight.device) < self.share
                 action = torch.where(acts, label, own) + self.noise * torch.randn_like(own)
                 action = action.nan_to_num(0.0).clamp(-1.0, 1.0)
@@ -648,7 +643,7 @@ class Trainer:
                 for name, value in self.optimizer.state[p].items():
                     value.copy_(state["optimizer"][i][name])
 
-    def train(self) -> None:
+    def train(self) -> list[MlpPolicy]:
         """Imitate, then improve, each in ten parts; what an interrupted training has done of them is not repeated."""
         how = {name: getattr(self.args, name) for name in SETTINGS} | {"kernels": head()}
         file, done, seconds, runs = self.args.out / "training.pt", 0, 0.0, {}
@@ -674,7 +669,7 @@ class Trainer:
                 with atomic(file) as new:
                     torch.save({**self.state(), "how": how, "done": part + 1, "seconds": seconds}, new)
                 self.report(f"{function.__name__} {part % PARTS + 1}/{PARTS}, {seconds:.0f} s")
-        self.save(how, seconds)
+        return self.policies(how, seconds)
 
     def report(self, head: str) -> None:
         """Print the losses, and in each scenario the falls of a network and its root mean square error (mm)."""
@@ -689,21 +684,25 @@ class Trainer:
         for item in (self.falls, self.squares, self.scored):
             item.zero_()
 
-    def save(self, how: dict[str, Any], seconds: float) -> None:
-        """Write a policy file for each network."""
+    def policies(self, how: dict[str, Any], seconds: float) -> list[MlpPolicy]:
+        """Return the policy of each network."""
         cuda, args = self.flight.device.type == "cuda", self.args
         steps = len(args.scenarios) * args.rows * (STEPS * args.imitation + WINDOW * args.gradients)
         device = torch.cuda.get_device_name() if cuda else "c"
         card: dict[str, Any] = {"format": FORMAT, "activation": "elu", "squashed": False, "provenance": provenance()}
-        card |= {"hybrid": {"kind": "lab_only", "base_controller": "lqg"}, "script": {"file": "train/lab.py", **how}}
+        hybrid = {"kind": "lab_only", "base_controller": "lqg"}
+        card |= {"hybrid": hybrid | ({} if self.networks.near == NEAR else {"feedback": False})}
+        card |= {"script": {"file": "train/lab.py", **how}}
         card |= {"interface": "body_rates", "vehicle": "hummingbird", "device": device}
         card |= {"steps": steps, "seconds": round(seconds)}
-        layers = [*zip(self.networks.weights, self.networks.biases, strict=True)]
-        for i, seed in enumerate(args.seeds):
-            own = [
-                (weights[i].detach().cpu().numpy(), biases[i, 0].detach().cpu().numpy()) for weights, biases in layers
-            ]
-            MlpPolicy(own, {**card, "seed": seed}).save(args.out / f"lab-{seed}.npz")
+        layers = [
+            (weights.detach().cpu().numpy(), biases.detach().cpu().numpy())
+            for weights, biases in zip(self.networks.weights, self.networks.biases, strict=True)
+        ]
+        return [
+            MlpPolicy([(weights[i], biases[i, 0]) for weights, biases in layers], {**card, "seed": seed})
+            for i, seed in enumerate(args.seeds)
+        ]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -713,8 +712,9 @@ def main(arguments: list[str] | None = None) -> None:
         args.device, args.seeds, args.rows = "c", [0], 1
         Flight(args)
     else:
-        Trainer(args).train()
-        print(f"Saved: {args.out}/lab-{args.seeds[0]}.npz …")
+        for policy in Trainer(args, Networks(args.seeds, args.without)).train():
+            policy.save(file := args.out / f"lab-{policy.card['seed']}.npz")
+            print(f"Saved: {file}")
 
 
 if __name__ == "__main__":

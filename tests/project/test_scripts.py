@@ -65,7 +65,9 @@ def test_its_training_goes_on_after_an_interruption_as_without_one(tmp_path: Pat
     sizes = "--rows", "2", "--imitation", "3", "--gradients", "2", "--scenarios", "wind", "dropouts", "--seeds", "3"
     given = "--device", "c", "--kernels", str(tmp_path), *sizes
     for name, interrupted in (("whole", ""), ("resumed", "imitate 7"), ("resumed", "improve 5"), ("resumed", "")):
-        trainer = script["Trainer"](script["parse"]([*given, "--out", str(tmp_path / name)]))
+        trainer = script["Trainer"](
+            script["parse"]([*given, "--out", str(tmp_path / name)]), script["Networks"]([3], [])
+        )
 
         def report(head: str, last: str = interrupted) -> None:
             if last and head.startswith(last):
@@ -73,9 +75,7 @@ def test_its_training_goes_on_after_an_interruption_as_without_one(tmp_path: Pat
 
         trainer.report = report
         with pytest.raises(KeyboardInterrupt) if interrupted else nullcontext():
-            trainer.train()
-        if not interrupted:
-            weights.append(load_policy(str(tmp_path / name / "lab-3.npz")).layers[0][0])
+            weights.append(trainer.train()[0].layers[0][0])
     np.testing.assert_array_equal(*weights)
 
 
@@ -84,7 +84,8 @@ def test_its_gradient_is_a_finite_difference(tmp_path: Path) -> None:
     """Of the cost of a window of two networks, with respect to a bias of each, from the same flight."""
     script = runpy.run_path(str(ROOT / "train/lab.py"))
     arguments = "--device", "c", "--kernels", str(tmp_path), "--seeds", "0", "1", "--rows", "3"
-    trainer = script["Trainer"](script["parse"]([*arguments, "--scenarios", "wind", "late"]))
+    settings, networks = script["parse"]([*arguments, "--scenarios", "wind", "late"]), script["Networks"]([0, 1], [])
+    trainer = script["Trainer"](settings, networks)
     script["Trainer"].improve.__globals__.update(WINDOW=20, RESTARTED=0.0)
     flight, bias, gradient = trainer.flight, trainer.networks.biases[2], []
     trainer.noise.zero_()
@@ -105,32 +106,61 @@ def test_its_gradient_is_a_finite_difference(tmp_path: Path) -> None:
     np.testing.assert_allclose(gradient[0], slope, rtol=0.03, atol=0.02 * slope.abs().max())
 
 
-@pytest.mark.extras
-def test_networks_with_recurrent_units_fly_as_in_their_training(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+@pytest.fixture
+def ablations(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.syspath_prepend(str(ROOT / "train"))
-    ablations: Any = importlib.import_module("ablations")
-    sizes = "--rows", "2", "--imitation", "2", "--gradients", "1", "--scenarios", "wind", "catch"
-    given = ["--device", "c", "--seeds", "0", "1", "2", "--out", str(tmp_path / "gru"), *sizes]
-    trainer = ablations.RecurrentTrainer(ablations.parse(given))
+    yield importlib.import_module("ablations")
+    del sys.modules["ablations"], sys.modules["lab"]
+
+
+@pytest.fixture
+def recurrent_trainer(ablations: Any, tmp_path: Path) -> Any:
+    sizes = "--rows", "4", "--imitation", "2", "--gradients", "1", "--scenarios", "wind", "catch"
+    return ablations.RecurrentTrainer(ablations.parse(["--device", "c", "--out", str(tmp_path), *sizes]))
+
+
+@pytest.mark.extras
+def test_networks_with_recurrent_units_learn_and_fly_as_in_their_training(
+    ablations: Any, recurrent_trainer: Any
+) -> None:
+    trainer, flight = recurrent_trainer, recurrent_trainer.flight
     first = [item.clone() for item in trainer.networks.units.parameters()]
-    trainer.train()
+    policies = ablations.recurrent(trainer.networks, trainer.train())
     assert not any(torch.equal(*pair) for pair in zip(first, trainer.networks.units.parameters(), strict=True))
-    monkeypatch.setattr(ablations, "RUNS", tmp_path)
-    scenario, flight = trainer.flight.envs[0].scenario, trainer.flight
-    policies, memories = [policy.adapt(scenario) for policy in ablations.trained("gru")], [None] * 3
+    flying, memories = [policy.adapt(flight.envs[0].scenario) for policy in policies], [None] * len(policies)
     flight.begin(0)
     for _ in range(30):
         with torch.no_grad():
             inputs, memory = trainer.inputs(flight.seen, flight.action, flight.memory)
             action = trainer.act(inputs)[0].clamp(-1.0, 1.0)
-        for i, policy in enumerate(policies):
-            rows = slice(2 * i, 2 * i + 2)
+        for i, policy in enumerate(flying):
+            rows = slice(4 * i, 4 * i + 4)
             own, memories[i] = policy.predict(flight.seen[:, rows].T.numpy(), memories[i], flight.begun[rows].numpy())
             np.testing.assert_allclose(own, action[:, rows].T, rtol=0, atol=1e-4)
         observed, begun, _ = flight.step(action)
         flight.keep(observed, action, memory, begun)
+
+
+@pytest.mark.extras
+def test_recurrent_units_are_fitted_as_they_flew_also_where_episodes_end(
+    ablations: Any, recurrent_trainer: Any
+) -> None:
+    trainer, losses, ended = recurrent_trainer, [], 0
+    fit, trainer.descend = trainer.fit, losses.append
+    trainer.share.zero_()  # the untrained networks fly, and fall
+
+    def checked(inputs: Any, labels: Any) -> None:
+        nonlocal ended
+        ended += sum(int((units == 0.0).all(2).sum()) for units in trainer.remembered[1:])
+        fit(inputs, labels)
+        flown = [ablations.imitation_loss(trainer.networks(x), y) for x, y in zip(inputs, labels, strict=True)]
+        torch.testing.assert_close(torch.stack(losses).mean(0), torch.stack(flown).mean(0))
+        losses.clear()
+
+    trainer.fit = checked
+    for _ in range(12):
+        trainer.imitate()
+    assert ended
 
 
 def test_sac_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ The policy's observation contains, in this order,
 
 With ``EstimateOnly(deviations=True)`` the inputs of `deviations` take the place of the first two parts. `MemoryOnly`
 has the inputs of `memory` alone, `LabOnly` those of `lab`, `HistoryOnly` those of `history`.
+``LabOnly(feedback=False)`` has a_d of `lab` in place of a_n in (3).
 
 `ResidualAction` multiplies the part of the observation that depends on the state, and the base controller's action, by
 ten, because the base controller keeps these values small.
@@ -43,7 +44,7 @@ from quadpend_baselines.estimation.measurement import errors_of
 from quadpend_baselines.hybrid.deviations import deviation_part
 from quadpend_baselines.hybrid.history import history_part
 from quadpend_baselines.hybrid.innovations import innovations_part
-from quadpend_baselines.hybrid.lab import NEAR, OUTPUT, lab_part
+from quadpend_baselines.hybrid.lab import FOLLOWING, NEAR, OUTPUT, lab_part
 from quadpend_baselines.hybrid.memory import memory_part
 from quadpend_baselines.hybrid.parts import (
     MAGNIFICATION,
@@ -291,14 +292,15 @@ class LabOnly(MemoryOnly):
     kind: ClassVar[str] = "lab_only"
     reads = "lab"
     output = OUTPUT
+    feedback: bool = True  # False: a_d, the command of the trajectory, in place of a_n
 
     def parts(self, size: int) -> tuple[InputPart, ...]:
         """Return the parts of the policy's observation; see `Hybrid.parts`."""
         return (lab_part(self.controller.simulation, self.controller.loop.noise),)
 
     def builds_on(self, inputs: Any, base_action: Any) -> Any:
-        """Return the action of the linear feedback; see `Hybrid.builds_on`."""
-        return inputs[:, NEAR]
+        """Return a_n or a_d; see `Hybrid.builds_on`."""
+        return inputs[:, NEAR if self.feedback else FOLLOWING]
 
     def _applied(self, action: Floats32, base_action: Floats32) -> Floats32:
         applied: Floats32 = np.clip(base_action + np.float32(self.output) * action, -1.0, 1.0)

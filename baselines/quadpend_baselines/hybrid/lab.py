@@ -91,19 +91,19 @@ _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
 _OF_REFERENCE = np.array([2.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0])  # scales
 _OF_INNOVATION = 0.005  # scale
 _M_SIZE, _W_SIZE = 8, len(_SCALE)  # of m and w
-_LAGS = _W_SIZE * len(_TIMES)
-_LAG, _FOLLOWING = _W_SIZE, _W_SIZE + _LAGS  # places in the inputs
-_MOTION = _FOLLOWING + ACTION_SIZE
+LAGS = slice(_W_SIZE, _W_SIZE * (1 + len(_TIMES)))  # places in the inputs
+FOLLOWING = slice(LAGS.stop, LAGS.stop + ACTION_SIZE)  # a_d
+_MOTION = FOLLOWING.stop
 _GAP = _MOTION + len(_OF_REFERENCE)
 _OWN_SIZE = _GAP + 3
 LAB_SIZE = _OWN_SIZE + SIZE + len(MEASURED) + ACTION_SIZE
 NEAR = slice(LAB_SIZE - ACTION_SIZE, LAB_SIZE)  # a_n, to which `OUTPUT` times the policy's action is added
 OUTPUT = 2.0
-LAGS, FILTER = slice(_LAG, _FOLLOWING), slice(_OWN_SIZE, LAB_SIZE)
+FILTER = slice(_OWN_SIZE, LAB_SIZE)
 # Memory: w; L; what the last sample taken has of `_SAMPLED`; the time since; how many samples violated (1) since; 1
 # after the first step; a_d; and that of the filter
 _SAMPLED = POSITION, EULER, DIRECTION
-_SAMPLE = _W_SIZE + _LAGS
+_SAMPLE = LAGS.stop
 _SINCE, _REFUSED, _BEGUN, _FOLLOWED = _SAMPLE + 9, _SAMPLE + 10, _SAMPLE + 11, _SAMPLE + 12
 _OWN_MEMORY = _FOLLOWED + ACTION_SIZE
 _POLE = LAB.columns["pole"].start
@@ -201,7 +201,7 @@ def _filter(found: Measured, action: Floats, period: float, last: Floats, u: Flo
                 left, ratio = np.exp(-time / _TIMES[j]), _TIMES[j] / time
                 lag = left * last[row, place] + (1.0 - left) * ratio * change
                 now[row, place] = select(taken > 0.5, lag, last[row, place])
-                out[row, _LAG + _W_SIZE * j + i] = faded * now[row, place]
+                out[row, place] = faded * now[row, place]
             out[row, i] *= faded
 
 
@@ -278,7 +278,7 @@ def _lab(known: tuple[Simulation, tuple[float, float, float]], seen: Seen, memor
     z, motion = np.empty((rows, SIZE)), np.empty((rows, len(_OF_REFERENCE)))
     _follow(later, after, *packed, areas, simulation.latency, found.estimate, (command, desired, z, motion))
     following = plant_of(simulation).actions_for(command, desired)
-    own[:, _FOLLOWING:_MOTION], own[:, _MOTION:_GAP], now[:, _FOLLOWED:] = following, motion, following
+    own[:, FOLLOWING], own[:, _MOTION:_GAP], now[:, _FOLLOWED:] = following, motion, following
     near = np.clip(following - np.clip(z @ feedback, -1.0, 1.0), -1.0, 1.0)
     inputs = np.concatenate([own, z / scales, innovation / _OF_INNOVATION], axis=1) * _weights(noise)
     return np.concatenate([inputs, near], axis=1), np.concatenate([now, after], axis=1)
@@ -290,7 +290,7 @@ def _weights(noise: tuple[float, float, float]) -> Floats:
     position, euler, direction = (usual / max(known, usual) for known, usual in zip(noise, NOISE, strict=True))
     of_x = [position] * 3 + [direction] * 2 + [euler] * 3 + [1.0] * ACTION_SIZE
     of_innovation = [position] * 3 + [euler] * 3 + [direction] * 2
-    others = np.ones(NEAR.start - len(MEASURED) - _FOLLOWING)
+    others = np.ones(NEAR.start - len(MEASURED) - FOLLOWING.start)
     return np.concatenate([np.tile(of_x, 1 + len(_TIMES)), others, of_innovation])
 
 

@@ -9,7 +9,7 @@ import pytest
 from quadpend_baselines.estimation.samples import MOST_REFUSED
 from quadpend_baselines.hybrid import LabOnly, VectorHybridWrapper
 from quadpend_baselines.hybrid.deviations import deviation_scales
-from quadpend_baselines.hybrid.lab import FILTER, NEAR, OUTPUT, REACH, VERTICAL_REACH, lab_part
+from quadpend_baselines.hybrid.lab import FILTER, FOLLOWING, NEAR, OUTPUT, REACH, VERTICAL_REACH, lab_part
 from quadpend_baselines.hybrid.parts import Seen
 from quadpend_baselines.hybrid.scheduled_gain import MEASURED, NOISE
 from quadpend_gym import Simulation
@@ -139,13 +139,16 @@ def test_measurements_count_less_the_noisier_they_are(flown: Any) -> None:
     np.testing.assert_array_equal(second[:, 3:8], first[:, 3:8])
 
 
-def test_the_linear_feedback_is_added(flown: Any) -> None:
-    hybrid = LabOnly().flown_in(SCENARIO.simulation)
+@pytest.mark.parametrize(("feedback", "columns"), [(True, NEAR), (False, FOLLOWING)])
+def test_the_policy_adds_to_the_linear_feedback_or_to_the_command_of_the_trajectory(
+    flown: Any, feedback: bool, columns: slice
+) -> None:
+    hybrid = LabOnly(feedback=feedback).flown_in(SCENARIO.simulation)
     seen, memory = hybrid.observe(flown[0], None, np.ones(1, np.bool_))
-    assert np.abs(seen[:, NEAR]).max() > 1e-3
+    assert np.abs(seen[:, columns]).max() > 1e-3
     for action in (0.0, 0.25, 1.0):
         applied, _ = hybrid.act(np.full((1, 4), action, np.float32), memory)
-        np.testing.assert_array_equal(applied, np.clip(seen[:, NEAR] + np.float32(OUTPUT * action), -1.0, 1.0))
+        np.testing.assert_array_equal(applied, np.clip(seen[:, columns] + np.float32(OUTPUT * action), -1.0, 1.0))
 
 
 def test_the_environment_must_have_positions_and_a_rigid_vehicle(flown: Any) -> None:
