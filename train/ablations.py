@@ -3,8 +3,8 @@
     python train/ablations.py              # trains in runs/ablations/ what is missing, and prints the table
     python train/ablations.py whole gru    # some rows
 
-In "gru" 88 gated recurrent units read what "no memory" reads, and stand in the places of the filters. They learn by
-gradients through the 16 steps of a window of imitation, and through the 100 of a window of gradients.
+In "gru" and "gru imitation" 88 gated recurrent units read what "no memory" reads, and stand in the places of the
+filters. They learn by gradients through the 16 steps of a window of imitation, and through the 100 of one of gradients.
 """
 
 import argparse
@@ -35,6 +35,7 @@ ROWS: dict[str, tuple[str, ...]] = {
     "no memory": (*SIZES, "--without", *MEMORIES),
     "gru": SIZES,
     "imitation": (*SIZES, "--imitation", "1500", "--gradients", "0"),
+    "gru imitation": (*SIZES, "--imitation", "1500", "--gradients", "0"),
     "gradients": (*SIZES, "--imitation", "0", "--gradients", "150"),
 }
 PLACES = np.concatenate([np.arange(LAB_SIZE)[part] for part in MEMORIES.values()])  # of the units in the inputs
@@ -143,7 +144,7 @@ def trained(name: str) -> list[MlpPolicy]:
     """Return the networks of a row, which are trained or read from the folder of their training."""
     given = "--device", "c", "--seeds", *map(str, SEEDS), "--kernels", str(RUNS / "kernels")
     args = parse([*given, "--out", str(RUNS / name.replace(" ", "-")), *ROWS[name]])
-    if name != "gru":
+    if not name.startswith("gru"):
         return Trainer(args, Networks(args.seeds, args.without)).train()
     trainer = RecurrentTrainer(args)
     return recurrent(trainer.networks, trainer.train())
