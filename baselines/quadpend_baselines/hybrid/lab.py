@@ -4,8 +4,8 @@ The trajectory x_d of the nominal vehicle follows the reference in still air, wh
 deviations from it, in the axes of the heading, so that no input depends on place or heading. z are those of the state
 x_N of `scheduled_gain` when the next action acts, with the thrusts of the rotors, and the wind in the axes of x_N; a_d
 follows x_d then. The reference moves on by the latency until then, and x_N by whole periods. The horizontal errors of
-position in m and z are limited to a length of 1.2 m, and the vertical ones to ±1 m: a vehicle that is farther from its
-reference flies as if it were at the limit.
+position in m and z are limited to a length of 1.2 m, and the vertical ones to ±0.7 m: a vehicle that is farther from
+its reference flies as if it were at the limit.
 
 A sample is taken if its position or its direction differs from that of the last sample taken, if it is finite, and if
 it satisfies (1). Otherwise m keeps its value, and the time g since the last sample taken grows by the control period T.
@@ -84,7 +84,7 @@ from quadpend_gym.tasks.observation import LAB
 _TIMES = np.array([0.03, 0.12, 0.5, 2.0])  # τ, s
 _GATES = (0.03, 3.0), (0.1, 10.0), (0.06, 3.0)  # of (1): m, rad and 1, and these for each second
 _FADE = 0.1  # s
-REACH, VERTICAL_REACH = 1.2, 1.0  # limits of horizontal and vertical errors of position, m
+REACH, VERTICAL_REACH = 1.2, 0.7  # limits of horizontal and vertical errors of position, m
 _SAME = 1e-6  # a sample that differs by less repeats the last one taken
 _FINITE = 1e6  # limit of the absolute numbers of a finite sample, added
 _SCALE = np.array([0.05] * 5 + [0.1] * 3 + [0.2] * ACTION_SIZE)
